@@ -1,0 +1,152 @@
+"""The sampler's inner loops. Arrays in, pixels out; see `tilefab.sampling.render` for what they mean."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tilefab.jit import kernel
+from tilefab.sampling.activation import active_patches
+from tilefab.types import Array, Mask
+
+
+@kernel
+def render_rows_into(
+    base: Array,
+    tile: Array,
+    channels: int,
+    count_a: int,
+    cell_rows: NDArray[np.int32],
+    cell_cols: NDArray[np.int32],
+    base_rows: NDArray[np.int32],
+    base_cols: NDArray[np.int32],
+    patch_rows: NDArray[np.int32],
+    patch_cols: NDArray[np.int32],
+    run_offset: NDArray[np.int64],
+    runs: NDArray[np.int32],
+    overlaps: Mask,
+    threshold: np.uint64,
+    key: np.uint64,
+    row: int,
+    col: int,
+    out: Array,
+) -> None:
+    """Render the region whose top left pixel is (row, col) into ``out``.
+
+    ``base``, ``tile`` and ``out`` are (rows, cols * channels): rows of interleaved pixels.
+    """
+    rows, cols = out.shape[0], out.shape[1] // channels
+    tile_rows, tile_cols = tile.shape[0], tile.shape[1] // channels
+    for r in range(rows):
+        tile_row = (row + r) % tile_rows
+        c = 0
+        while c < cols:
+            tile_col = (col + c) % tile_cols
+            length = min(tile_cols - tile_col, cols - c) * channels
+            to, start = c * channels, tile_col * channels
+            for k in range(length):
+                out[r, to + k] = tile[tile_row, start + k]
+            c += tile_cols - tile_col
+    active = np.empty(len(overlaps), dtype=np.int64)
+    clashes = np.empty(len(overlaps), dtype=np.int64)
+    # A patch reaches at most half a cell beyond its own cell: the rhombus ends at the neighbours' centres.
+    first_row = (row - (tile_rows + 1) // 2) // tile_rows
+    last_row = (row + rows - 1 + (tile_rows + 1) // 2) // tile_rows
+    first_col = (col - (tile_cols + 1) // 2) // tile_cols
+    last_col = (col + cols - 1 + (tile_cols + 1) // 2) // tile_cols
+    for cell_row in range(first_row, last_row + 1):
+        for cell_col in range(first_col, last_col + 1):
+            n = active_patches(key, cell_row, cell_col, count_a, overlaps, threshold, active, clashes)
+            for k in range(n):
+                patch = active[k]
+                top = cell_row * tile_rows + cell_rows[patch] - row
+                left = cell_col * tile_cols + cell_cols[patch] - col
+                if top >= rows or left >= cols or top + patch_rows[patch] <= 0 or left + patch_cols[patch] <= 0:
+                    continue
+                for run in range(run_offset[patch], run_offset[patch + 1]):
+                    r = top + runs[run, 0]
+                    if r < 0 or r >= rows:
+                        continue
+                    start = left + runs[run, 1]
+                    begin = max(start, 0)
+                    end = min(start + runs[run, 2], cols)
+                    base_row = base_rows[patch] + runs[run, 0]
+                    offset = (base_cols[patch] - left) * channels
+                    for x in range(begin * channels, end * channels):
+                        out[r, x] = base[base_row, x + offset]
+
+
+@kernel
+def render_points_into(
+    base: Array,
+    tile: Array,
+    count_a: int,
+    cell_rows: NDArray[np.int32],
+    cell_cols: NDArray[np.int32],
+    base_rows: NDArray[np.int32],
+    base_cols: NDArray[np.int32],
+    patch_rows: NDArray[np.int32],
+    patch_cols: NDArray[np.int32],
+    run_offset: NDArray[np.int64],
+    runs: NDArray[np.int32],
+    overlaps: Mask,
+    threshold: np.uint64,
+    key: np.uint64,
+    rows: NDArray[np.int64],
+    cols: NDArray[np.int64],
+    out: Array,
+) -> None:
+    """Render the pixel (rows[i], cols[i]) into ``out[i]`` for every i.
+
+    A pixel lies in the rhombus of its own cell and in that of the neighbour across the nearest edge, in no other.
+    """
+    tile_rows, tile_cols = tile.shape[0], tile.shape[1]
+    # Active patches of the cell last asked for, one memory for each of the two sets.
+    active = np.empty((2, len(overlaps)), dtype=np.int64)
+    clashes = np.empty(len(overlaps), dtype=np.int64)
+    known_row = np.zeros(2, dtype=np.int64)
+    known_col = np.zeros(2, dtype=np.int64)
+    known_count = np.full(2, -1, dtype=np.int64)
+    for i in range(len(rows)):
+        cell_row, cell_col = rows[i] // tile_rows, cols[i] // tile_cols
+        in_row, in_col = rows[i] - cell_row * tile_rows, cols[i] - cell_col * tile_cols
+        found = False
+        for side in range(2):
+            if side == 1:
+                down = (2 * in_row + 1 - tile_rows) * tile_cols
+                right = (2 * in_col + 1 - tile_cols) * tile_rows
+                if abs(down) > abs(right):
+                    step = 1 if down > 0 else -1
+                    cell_row, in_row = cell_row + step, in_row - step * tile_rows
+                else:
+                    step = 1 if right > 0 else -1
+                    cell_col, in_col = cell_col + step, in_col - step * tile_cols
+            group = (cell_row + cell_col) & 1
+            if known_count[group] < 0 or known_row[group] != cell_row or known_col[group] != cell_col:
+                known_count[group] = active_patches(
+                    key, cell_row, cell_col, count_a, overlaps, threshold, active[group], clashes
+                )
+                known_row[group], known_col[group] = cell_row, cell_col
+            for k in range(known_count[group]):
+                patch = active[group, k]
+                r, c = in_row - cell_rows[patch], in_col - cell_cols[patch]
+                if r < 0 or c < 0 or r >= patch_rows[patch] or c >= patch_cols[patch]:
+                    continue
+                low, high = run_offset[patch], run_offset[patch + 1]
+                while high - low > 1:
+                    middle = (low + high) // 2
+                    if runs[middle, 0] < r or (runs[middle, 0] == r and runs[middle, 1] <= c):
+                        low = middle
+                    else:
+                        high = middle
+                if runs[low, 0] == r and runs[low, 1] <= c < runs[low, 1] + runs[low, 2]:
+                    for channel in range(base.shape[2]):
+                        out[i, channel] = base[base_rows[patch] + r, base_cols[patch] + c, channel]
+                    found = True
+                    break
+            if found:
+                break
+        if not found:
+            tile_row, tile_col = rows[i] % tile_rows, cols[i] % tile_cols
+            for channel in range(base.shape[2]):
+                out[i, channel] = tile[tile_row, tile_col, channel]

@@ -1,0 +1,143 @@
+"""Finding where one image resembles a part of another, exactly and in integers.
+
+Colours are compared in CIELAB, quantised to half units, so that sums of squares are integers: a sum computed by FFT
+and rounded is then the true sum, whatever the machine or the FFT library, and so is the place that is chosen by it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from tilefab.jit import kernel
+from tilefab.types import Mask
+
+LAB_STEPS_PER_UNIT = 2
+"""Matching counts CIELAB in half units: a squared difference of 4 is a squared CIE76 difference of 1."""
+
+
+def matching_image(lab_d50: NDArray[np.floating]) -> NDArray[np.int16]:
+    """CIELAB in half units as integers, (rows, cols, 3), the form in which images are matched."""
+    return np.rint(np.asarray(lab_d50, dtype=np.float64) * LAB_STEPS_PER_UNIT).astype(np.int16)
+
+
+def reduced(image: NDArray[np.int16], factor: int) -> NDArray[np.int16]:
+    """Mean over ``factor`` x ``factor`` blocks, rounded half up; incomplete blocks at the far edges are dropped."""
+    if factor == 1:
+        return image
+    rows, cols = image.shape[0] // factor, image.shape[1] // factor
+    blocks = image[: rows * factor, : cols * factor].reshape(rows, factor, cols, factor, -1)
+    total = blocks.sum(axis=(1, 3), dtype=np.int64)
+    return ((2 * total + factor * factor) // (2 * factor * factor)).astype(np.int16)
+
+
+def reduced_mask(mask: Mask, factor: int) -> Mask:
+    """True where a whole ``factor`` x ``factor`` block is True; incomplete blocks at the far edges are dropped."""
+    if factor == 1:
+        return mask
+    rows, cols = mask.shape[0] // factor, mask.shape[1] // factor
+    blocks = mask[: rows * factor, : cols * factor].reshape(rows, factor, cols, factor)
+    result: Mask = blocks.all(axis=(1, 3))
+    return result
+
+
+def window_is_valid(valid: Mask, rows: int, cols: int) -> Mask:
+    """Where a window of ``rows`` x ``cols`` may have its top left corner so that all of it is valid.
+
+    Returns
+    -------
+    ndarray of bool
+        (valid rows - rows + 1, valid cols - cols + 1); empty if the window is larger than the image.
+    """
+    invalid = np.zeros((valid.shape[0] + 1, valid.shape[1] + 1), dtype=np.int64)
+    np.cumsum(np.cumsum(~valid, axis=0), axis=1, out=invalid[1:, 1:])
+    if rows > valid.shape[0] or cols > valid.shape[1]:
+        return np.zeros((max(valid.shape[0] - rows + 1, 0), max(valid.shape[1] - cols + 1, 0)), dtype=bool)
+    count = invalid[rows:, cols:] - invalid[:-rows, cols:] - invalid[rows:, :-cols] + invalid[:-rows, :-cols]
+    result: Mask = count == 0
+    return result
+
+
+class TemplateSearch:
+    """Sum of squared differences of a masked template against every window of one image.
+
+    Parameters
+    ----------
+    image
+        (rows, cols, 3) int16 from `matching_image`.
+
+    Notes
+    -----
+    The image's transforms are made once and serve all searches (Kwatra et al. 2003, section 3.3: sums of squared
+    differences by FFT).
+    """
+
+    def __init__(self, image: NDArray[np.int16]) -> None:
+        self.shape = image.shape[:2]
+        self._fft_shape = tuple(fft.next_fast_len(n, real=True) for n in self.shape)
+        values = image.astype(np.float64)
+        self._image = fft.rfft2(values, self._fft_shape, axes=(0, 1))
+        self._square = fft.rfft2((values**2).sum(axis=2), self._fft_shape)
+
+    def squared_differences(self, template: NDArray[np.int16], mask: Mask) -> NDArray[np.int64]:
+        """Exact sum of squared differences over the mask, for every place of the template in the image.
+
+        Parameters
+        ----------
+        template
+            (rows, cols, 3) int16; what stands outside the mask doesn't matter.
+        mask
+            (rows, cols), True where the template counts.
+
+        Returns
+        -------
+        ndarray of int64
+            (image rows - rows + 1, image cols - cols + 1).
+        """
+        rows, cols = mask.shape
+        weight = mask.astype(np.float64)
+        values = template.astype(np.float64) * weight[..., None]
+        spectrum = self._square * np.conj(fft.rfft2(weight, self._fft_shape))
+        correlated = self._image * np.conj(fft.rfft2(values, self._fft_shape, axes=(0, 1)))
+        spectrum -= 2.0 * correlated.sum(axis=2)
+        sums = fft.irfft2(spectrum, self._fft_shape)
+        sums = sums[: self.shape[0] - rows + 1, : self.shape[1] - cols + 1]
+        return np.rint(sums).astype(np.int64) + int((values**2).sum())
+
+
+@kernel
+def refine_place(
+    image: NDArray[np.int16],
+    template: NDArray[np.int16],
+    mask: Mask,
+    allowed: Mask,
+    row: int,
+    col: int,
+    reach_px: int,
+) -> tuple[int, int, int]:
+    """Best place of a masked template within ``reach_px`` of (row, col), by exact sum of squared differences.
+
+    Returns
+    -------
+    tuple of int
+        Row and column of the best allowed place, the first in reading order on a tie, and its sum; (-1, -1, -1) if
+        no place within reach is allowed.
+    """
+    best_row, best_col, best = -1, -1, -1
+    for r in range(max(0, row - reach_px), min(allowed.shape[0], row + reach_px + 1)):
+        for c in range(max(0, col - reach_px), min(allowed.shape[1], col + reach_px + 1)):
+            if not allowed[r, c]:
+                continue
+            total = 0
+            for i in range(mask.shape[0]):
+                for j in range(mask.shape[1]):
+                    if mask[i, j]:
+                        for k in range(image.shape[2]):
+                            d = np.int64(image[r + i, c + j, k]) - np.int64(template[i, j, k])
+                            total += d * d
+                if 0 <= best <= total:
+                    break
+            if best < 0 or total < best:
+                best_row, best_col, best = r, c, total
+    return best_row, best_col, best

@@ -1,0 +1,171 @@
+"""Minimum-cost seams between two overlapping images.
+
+A cut separates the pixels taken from the new image from those left as they are, so that the jump across the cut is
+as small as possible (Kwatra et al. 2003, "Graphcut textures", section 3; the first seed's 5.5.1 cuts its patches
+so). All costs are integers, so the cut is the same on every machine.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, sparse
+from scipy.sparse.csgraph import breadth_first_order, maximum_flow
+
+from tilefab.types import Mask
+
+_SOURCE = 0
+_SINK = 1
+_FORCED_CAPACITY = 2**30
+UNKNOWN_COST = 2**20
+"""Cost of a pixel where one of the images isn't known; also the largest cost that counts."""
+_BAND_PX = 2
+_DIRECT_AREA_PX = 5000
+
+FREE = 0
+"""Label of a pixel that the cut may give to either side."""
+TAKE = 1
+"""Label of a pixel that must come from the new image."""
+KEEP = 2
+"""Label of a pixel that must stay as it is."""
+
+
+def cut(cost: NDArray[np.int64], labels: NDArray[np.uint8]) -> Mask:
+    """Which pixels to take from the new image, by minimum cut.
+
+    Parameters
+    ----------
+    cost
+        (rows, cols), integer >= 0: how badly the two images disagree at each pixel. A cut between neighbours pays
+        the sum of both costs, plus one, so that of two equal cuts the shorter wins. Clipped at 2**20.
+    labels
+        (rows, cols) of `FREE`, `TAKE` and `KEEP`.
+
+    Returns
+    -------
+    ndarray of bool
+        (rows, cols), True where the new image is taken. Every `TAKE` pixel is True and every `KEEP` pixel False.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ.
+
+    Notes
+    -----
+    Areas over 5,000 free pixels are cut at half size first; the seam found is then moved within a band of two
+    pixels either side (the coarse-to-fine banding of Lombaert et al. 2005).
+
+    Examples
+    --------
+    >>> cost = np.array([[9, 0, 9, 9], [9, 9, 0, 9]])
+    >>> labels = np.array([[1, 0, 0, 2], [1, 0, 0, 2]], dtype=np.uint8)
+    >>> cut(cost, labels).astype(int)
+    array([[1, 1, 0, 0],
+           [1, 1, 0, 0]])
+    """
+    if cost.shape != labels.shape:
+        raise ValueError(f"cost {cost.shape} and labels {labels.shape} differ in shape")
+    cost = np.clip(cost, 0, UNKNOWN_COST).astype(np.int64)
+    free = labels == FREE
+    if min(cost.shape) < 8 or np.count_nonzero(free) <= _DIRECT_AREA_PX:
+        return _cut_directly(cost, labels)
+    coarse = cut(_pooled(cost, np.max), _pooled(labels, _coarse_label))
+    guess = np.repeat(np.repeat(coarse, 2, axis=0), 2, axis=1)[: cost.shape[0], : cost.shape[1]]
+    guess = (guess & (labels != KEEP)) | (labels == TAKE)
+    block = np.ones((2 * _BAND_PX + 1, 2 * _BAND_PX + 1), dtype=bool)
+    inside = ndimage.binary_erosion(guess, block, border_value=1)
+    outside = ~ndimage.binary_dilation(guess, block, border_value=0)
+    banded = labels.copy()
+    banded[free & inside] = TAKE
+    banded[free & outside] = KEEP
+    return _cut_directly(cost, banded)
+
+
+def _pooled(values: NDArray[np.generic], reduce: object) -> NDArray[np.generic]:
+    """Halve an array, edge pixels repeated, each 2 x 2 block reduced to one value."""
+    padded = np.pad(values, [(0, n % 2) for n in values.shape], mode="edge")
+    rows, cols = padded.shape
+    blocks = padded.reshape(rows // 2, 2, cols // 2, 2).transpose(0, 2, 1, 3).reshape(rows // 2, cols // 2, 4)
+    result: NDArray[np.generic] = reduce(blocks, axis=-1)  # type: ignore[operator]
+    return result
+
+
+def _coarse_label(blocks: NDArray[np.uint8], axis: int) -> NDArray[np.uint8]:
+    """A coarse pixel is forced only where its four pixels are forced alike."""
+    first = blocks[..., 0]
+    alike = (blocks == first[..., None]).all(axis=axis)
+    return np.where(alike, first, FREE).astype(np.uint8)
+
+
+def _cut_directly(cost: NDArray[np.int64], labels: NDArray[np.uint8]) -> Mask:
+    take = labels == TAKE
+    free = labels == FREE
+    if not free.any():
+        return take
+    # Neighbouring free pixels are joined to each other; forced ones are merged into the terminals.
+    node = np.full(labels.shape, -1, dtype=np.int32)
+    node[take] = _SOURCE
+    node[labels == KEEP] = _SINK
+    n_free = int(np.count_nonzero(free))
+    node[free] = np.arange(2, 2 + n_free, dtype=np.int32)
+    heads, tails, weights = [], [], []
+    for first, second in (
+        ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
+        ((slice(None, -1), slice(None)), (slice(1, None), slice(None))),
+    ):
+        a, b = node[first].ravel(), node[second].ravel()
+        weight = (cost[first] + cost[second]).ravel() + 1
+        matters = a != b
+        heads.append(a[matters])
+        tails.append(b[matters])
+        weights.append(weight[matters])
+    head, tail, weight = np.concatenate(heads), np.concatenate(tails), np.concatenate(weights)
+    size = n_free + 2
+    graph = sparse.coo_matrix(
+        (np.tile(weight, 2), (np.concatenate([head, tail]), np.concatenate([tail, head]))), shape=(size, size)
+    ).tocsr()
+    graph.data = np.minimum(graph.data, _FORCED_CAPACITY)
+    capacity = sparse.csr_matrix(
+        (graph.data.astype(np.int32), graph.indices.astype(np.int32), graph.indptr.astype(np.int32)),
+        shape=graph.shape,
+    )
+    flow = maximum_flow(capacity, _SOURCE, _SINK).flow
+    residual = capacity - flow
+    residual.data[residual.data < 0] = 0
+    residual.eliminate_zeros()
+    reached = breadth_first_order(residual, _SOURCE, return_predecessors=False)
+    taken = np.zeros(size, dtype=bool)
+    taken[reached] = True
+    result = take.copy()
+    result[free] = taken[node[free]]
+    return result
+
+
+def boundary_cost(cost: NDArray[np.int64], mask: Mask) -> tuple[float, float]:
+    """Worst and mean cost of the cut around a mask.
+
+    Parameters
+    ----------
+    cost
+        (rows, cols) cost of each pixel, in any unit.
+    mask
+        (rows, cols), True inside. Pixels beyond the array count as outside but cost nothing.
+
+    Returns
+    -------
+    tuple of float
+        The largest and the mean cost over all pairs of neighbours with the cut between them; a pair costs the mean
+        of its two pixels. Both 0.0 if there is no boundary.
+    """
+    pairs = []
+    for first, second in (
+        ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
+        ((slice(None, -1), slice(None)), (slice(1, None), slice(None))),
+    ):
+        on_cut = mask[first] != mask[second]
+        pairs.append(((cost[first] + cost[second]) / 2)[on_cut])
+    costs = np.concatenate(pairs)
+    if costs.size == 0:
+        return 0.0, 0.0
+    return float(costs.max()), float(costs.mean())
