@@ -5,7 +5,7 @@ both as references into the base; the sampler decides by integer hashing which p
 the plane and copies pixels. Any pixel can be had without any other.
 """
 
-from tilefab.sampling.build import BuildOptions, build
+from tilefab.sampling.map_builder import BuildOptions, build
 from tilefab.sampling.layout import PlaneLayout, Region
 from tilefab.sampling.render import render, render_points
 from tilefab.sampling.texture_map import FORMAT_VERSION, Patches, TextureMap

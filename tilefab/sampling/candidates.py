@@ -30,7 +30,11 @@ _BELL_WEIGHT = 3.0
 _RING_SAMPLES = 48
 _TRIES_PER_PLACE = 3000
 _SAME_PLACE_SHARE = 0.1
-_WORST_SAME_PLACE = 0.5
+_SAME_PLACE_RADII = 0.5
+_SMALLEST_TILE_SHARE = 0.05
+_LARGEST_TILE_SHARE = 0.3
+_LARGEST_RADIUS_PX = 400.0
+_SMALLEST_RADIUS_PX = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,17 +62,20 @@ class Candidate:
     mean_delta_e: float
 
 
-def patch_radii(tile_shape: tuple[int, int], valid_px: int, count: int = 6) -> list[int]:
-    """Typical radius of each class of patches: from a few pixels to a large part of the tile, geometrically.
+def patch_radii(tile_shape: tuple[int, int], valid_px: int, count: int = 5) -> list[int]:
+    """Typical radius of each class of patches, geometrically from a small to a large part of the tile.
 
-    ``valid_px`` is the side of the largest usable square of the base, which bounds the largest patch.
+    Patches much smaller than a twentieth of the tile change nothing that an eye would notice, yet Algorithm 2 favours
+    them, for they overlap the fewest others: with them the tile shows through most. ``valid_px`` is the side of the
+    largest usable square of the base, which bounds the largest patch.
     """
-    smallest = 5.0
-    largest = min(0.3 * min(tile_shape), valid_px / (2 * _REACH_SHARE))
-    if largest <= smallest:
-        return [max(2, int(largest))] if largest >= 2 else []
+    side = min(tile_shape)
+    largest = min(_LARGEST_TILE_SHARE * side, _LARGEST_RADIUS_PX, (valid_px - 3) / (2 * _REACH_SHARE))
+    smallest = max(_SMALLEST_RADIUS_PX, min(_SMALLEST_TILE_SHARE * side, largest / 2))
+    if largest < _SMALLEST_RADIUS_PX:
+        return []
     ratio = (largest / smallest) ** (1 / max(count - 1, 1))
-    return sorted({round(smallest * ratio**k) for k in range(count)})
+    return sorted({int(smallest * ratio**k) for k in range(count)})
 
 
 def largest_valid_square(valid: Mask) -> int:
@@ -98,9 +105,7 @@ class CandidateFinder:
         Job seed.
     """
 
-    def __init__(
-        self, base: NDArray[np.int16], valid: Mask, tile_source: NDArray[np.int32], seed: int
-    ) -> None:
+    def __init__(self, base: NDArray[np.int16], valid: Mask, tile_source: NDArray[np.int32], seed: int) -> None:
         self.base, self.valid, self.tile_source = base, valid, tile_source
         self.tile = base.reshape(-1, base.shape[2])[tile_source]
         self.seed = seed
@@ -131,7 +136,7 @@ class CandidateFinder:
         angle = np.arange(_RING_SAMPLES) * (2 * np.pi / _RING_SAMPLES)
         radius = radius_px * np.array([0.8, 1.0, 1.2])[np.arange(_RING_SAMPLES) % 3]
         ring = np.rint(np.stack([np.sin(angle) * radius, np.cos(angle) * radius], axis=1)).astype(np.int64)
-        same_px = max(2, int(_WORST_SAME_PLACE * radius_px))
+        same_px = max(2, int(_SAME_PLACE_RADII * radius_px))
         chosen = choose_places(
             self.base,
             self.tile,
@@ -152,16 +157,12 @@ class CandidateFinder:
         with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
             return [candidate for candidate in pool.map(one, range(count)) if candidate is not None]
 
-    def _cut(
-        self, radius_px: int, reach: int, place: NDArray[np.int64], source: NDArray[np.int64]
-    ) -> Candidate | None:
+    def _cut(self, radius_px: int, reach: int, place: NDArray[np.int64], source: NDArray[np.int64]) -> Candidate | None:
         offset = np.arange(-reach, reach + 1)
         tile_rows, tile_cols = self.tile_source.shape
         rows, cols = place[0] + offset, place[1] + offset
         tile = self.tile[np.ix_(rows % tile_rows, cols % tile_cols)]
-        patch = self.base[
-            source[0] - reach : source[0] + reach + 1, source[1] - reach : source[1] + reach + 1
-        ]
+        patch = self.base[source[0] - reach : source[0] + reach + 1, source[1] - reach : source[1] + reach + 1]
         squared = ((tile.astype(np.int64) - patch) ** 2).sum(axis=2)
         distance = np.sqrt(offset[:, None] ** 2.0 + offset[None, :] ** 2.0)
         bell = np.exp(-((distance - radius_px) ** 2) / (2.0 * (_BELL_SHARE * radius_px) ** 2))

@@ -66,9 +66,7 @@ def render(
     if out is None:
         out = np.empty(shape, dtype=texture_map.base.dtype)
     elif out.shape != shape or out.dtype != texture_map.base.dtype or not out.flags.c_contiguous:
-        raise ValueError(
-            f"out must be C-contiguous {shape} {texture_map.base.dtype}, not {out.shape} {out.dtype}"
-        )
+        raise ValueError(f"out must be C-contiguous {shape} {texture_map.base.dtype}, not {out.shape} {out.dtype}")
     if threads is not None and threads < 1:
         raise ValueError(f"threads must be at least 1, not {threads}")
     key = stream_key(seed, "activation")

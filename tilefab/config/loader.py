@@ -1,0 +1,118 @@
+"""Reading a job file: every problem at once, each with its file, its line and what is allowed."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from tilefab.config.models import Job
+from tilefab.errors import ConfigError, Problem
+
+_SECTION = re.compile(r"^\s*\[\s*([A-Za-z0-9_-]+)\s*\]")
+_KEY = re.compile(r"^\s*\"?([A-Za-z0-9_-]+)\"?\s*(?:\.\s*\"?([A-Za-z0-9_-]+)\"?\s*)?=")
+_TOML_PLACE = re.compile(r"\s*\(at line (\d+), column \d+\)")
+_MAX_BYTES = 1 << 20
+
+
+def load_job(path: Path) -> Job:
+    """Read and check a job file; paths in it are not looked at.
+
+    Parameters
+    ----------
+    path
+        A TOML file.
+
+    Raises
+    ------
+    ConfigError
+        If it can't be read or anything in it is wrong; carries all problems, in the order of their lines.
+    """
+    name = str(path)
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        reason = "there is no such file" if isinstance(error, FileNotFoundError) else str(error.strerror)
+        raise ConfigError([Problem(name, None, "", reason)]) from error
+    if len(raw) > _MAX_BYTES:
+        raise ConfigError([Problem(name, None, "", "larger than 1 MiB: not a job file")])
+    try:
+        text = raw.decode()
+        values = tomllib.loads(text)
+    except UnicodeDecodeError as error:
+        line = raw[: error.start].count(b"\n") + 1
+        raise ConfigError([Problem(name, line, "", "not UTF-8 text; save the file as UTF-8")]) from error
+    except tomllib.TOMLDecodeError as error:
+        place = _TOML_PLACE.search(str(error))
+        line_number = int(place.group(1)) if place else text.count("\n") + 1
+        message = _TOML_PLACE.sub("", str(error)).replace(" (at end of document)", "; the file ends too early")
+        raise ConfigError([Problem(name, line_number, "", f"not valid TOML: {message}")]) from error
+    try:
+        return Job.model_validate(values)
+    except ValidationError as error:
+        lines = _lines(text)
+        problems = [_problem(name, lines, dict(details)) for details in error.errors()]
+        raise ConfigError(sorted(problems, key=lambda p: (p.line or 1 << 30, p.key))) from error
+
+
+def _lines(text: str) -> dict[tuple[str, ...], int]:
+    """Line of every section and key, counted from 1; a key written twice is a TOML error, so each has one."""
+    lines: dict[tuple[str, ...], int] = {}
+    section: tuple[str, ...] = ()
+    for number, line in enumerate(text.splitlines(), start=1):
+        if match := _SECTION.match(line):
+            section = (match.group(1),)
+            lines.setdefault(section, number)
+        elif match := _KEY.match(line):
+            key = (*section, *(part for part in match.groups() if part))
+            lines.setdefault(key, number)
+    return lines
+
+
+def _problem(name: str, lines: dict[tuple[str, ...], int], details: dict[str, Any]) -> Problem:
+    place = tuple(str(part) for part in details["loc"])
+    kind, message = str(details["type"]), str(details["msg"])
+    path = place[:2]
+    if kind == "value_error":
+        # Raised by a section's own check as "key: what is wrong".
+        key, _, rest = message.removeprefix("Value error, ").partition(": ")
+        path, message = (*place[:1], key), rest
+    elif kind == "extra_forbidden":
+        message = _unknown(path)
+    elif kind == "missing":
+        message = "missing: " + _allowed(path)
+    else:
+        shown = repr(details.get("input"))
+        shown = shown if len(shown) <= 60 else shown[:57] + "..."
+        item = f" (item {int(place[2]) + 1})" if len(place) > 2 and place[2].isdigit() else ""
+        message = f"{shown}{item} is not allowed: {message[0].lower()}{message[1:]}. {_allowed(path)}".strip()
+    line = next((lines[path[:n]] for n in range(len(path), 0, -1) if path[:n] in lines), None)
+    return Problem(name, line, ".".join(path), message)
+
+
+def _section_model(name: str) -> type[BaseModel] | None:
+    field = Job.model_fields.get(name)
+    if field is None:
+        return None
+    kinds = [field.annotation, *get_args(field.annotation)]
+    return next((k for k in kinds if isinstance(k, type) and issubclass(k, BaseModel)), None)
+
+
+def _unknown(path: tuple[str, ...]) -> str:
+    model = Job if len(path) == 1 else _section_model(path[0])
+    known = list(model.model_fields) if model is not None else []
+    close = difflib.get_close_matches(path[-1], known, n=1)
+    hint = f"; did you mean {close[0]}?" if close else ""
+    return f"unknown key{hint} Allowed here: {', '.join(known)}"
+
+
+def _allowed(path: tuple[str, ...]) -> str:
+    model = _section_model(path[0])
+    if model is None or len(path) < 2:
+        return f"the job needs a section [{path[0]}]" if model is not None and len(path) == 1 else ""
+    field = model.model_fields.get(path[1])
+    return field.description or "" if field is not None else ""

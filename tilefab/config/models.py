@@ -1,0 +1,185 @@
+"""What may stand in a job file. Each field is documented where it is declared; `docs/job_files.md` is made from it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+SCHEMA_VERSION = 1
+LARGEST_FACE_PX = 1 << 30
+"""More pixels than this a face can't have: some 3.3 m square at 250 dpi."""
+
+
+class Section(BaseModel):
+    """A table of a job file: unknown keys are errors, values can't change once read."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+
+Size = Annotated[
+    list[Annotated[float, Field(strict=False, gt=0)]],
+    Field(min_length=2, max_length=2, description="[width, height]"),
+]
+
+
+class JobFacts(Section):
+    """[job]: what people call it."""
+
+    name: str = Field("", max_length=200, description="Name of the job, shown in the report.")
+
+
+class Slab(Section):
+    """[slab]: the scanned stone."""
+
+    scans: list[str] = Field(
+        min_length=1,
+        max_length=64,
+        description="Scans of one stone: TIFF, PNG, JPEG or EXR. `package:NAME/FILE` names a file inside an installed Python package.",
+    )
+    dpi: float | None = Field(
+        None,
+        ge=10,
+        le=20000,
+        strict=False,
+        description="Resolution of the scans, if the files don't state it; overrides them.",
+    )
+    input_profile: str | None = Field(
+        None,
+        description="ICC profile of the scanner; overrides one embedded in the scans. Without any: sRGB, or linear sRGB for float images.",
+    )
+    masks: list[str] | None = Field(
+        None,
+        description='One mask for each scan, white where it is not to be used; "" for a scan without one.',
+    )
+    square: bool = Field(True, description="Find the slab on the scanner, turn it upright and trim its surround.")
+    trim_mm: float = Field(0.0, ge=0, le=1000, strict=False, description="Width to trim off each edge of the slab.")
+    lighting: bool = Field(True, description="Remove uneven lighting of the scanner.")
+    match: bool = Field(True, description="Bring several slabs to a common colour mean and spread.")
+    target_lab: list[Annotated[float, Field(strict=False)]] | None = Field(
+        None,
+        min_length=3,
+        max_length=3,
+        description="Colour mean to bring the slabs to, [L*, a*, b*]; a grayscale scan is tinted by it.",
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Slab:
+        if self.masks is not None and len(self.masks) != len(self.scans):
+            raise ValueError(f"masks: {len(self.masks)} given for {len(self.scans)} scans; give one each")
+        if self.target_lab is not None and not (
+            0 <= self.target_lab[0] <= 100 and all(abs(v) <= 127 for v in self.target_lab[1:])
+        ):
+            raise ValueError("target_lab: L* must be within 0 .. 100, a* and b* within -127 .. 127")
+        return self
+
+
+class Texture(Section):
+    """[texture]: how the texture map is made."""
+
+    method: Literal["quilting"] = Field("quilting", description="How the repeatable tile is grown.")
+    map_size_mm: Size | None = Field(
+        None, description="Size of the repeatable tile. Default: 1.5 times the slab, at most 4,096 pixels."
+    )
+    feature_mm: float | None = Field(
+        None,
+        gt=0,
+        strict=False,
+        description="Size of the largest thing in the stone that should stay whole. Default: a quarter of the slab.",
+    )
+    patches: int = Field(600, ge=0, le=4000, description="Interchangeable patches to aim for.")
+    active_per_cell: float = Field(
+        40.0,
+        ge=0,
+        le=4000,
+        strict=False,
+        description="Patches that each cell of the plane tries to show, on average.",
+    )
+    seed: int = Field(0, ge=0, lt=1 << 63, description="Job seed: another seed gives other faces.")
+
+
+class Tile(Section):
+    """[tile]: the faces."""
+
+    size_mm: Size = Field(description="Finished size of a tile, [width, height].")
+    dpi: float = Field(ge=10, le=2400, strict=False, description="Resolution of the printer.")
+    count: int = Field(1, ge=1, le=1 << 40, description="How many faces to print.")
+    layout: Literal["scatter", "continuous"] = Field(
+        "scatter",
+        description="`scatter`: faces from all over the plane. `continuous`: a wall whose veins run on.",
+    )
+    columns: int | None = Field(None, ge=1, le=100_000, description="Faces in a row of the wall (continuous only).")
+    bleed_mm: float = Field(0.0, ge=0, le=100, strict=False, description="Margin printed beyond each edge.")
+
+    @model_validator(mode="after")
+    def _check(self) -> Tile:
+        if self.layout == "continuous" and self.columns is None:
+            raise ValueError('columns: needed with layout = "continuous": how many faces a row of the wall has')
+        if self.layout == "scatter" and self.columns is not None:
+            raise ValueError('columns: only for layout = "continuous"; remove it or change the layout')
+        sides = [(length + 2 * self.bleed_mm) / 25.4 * self.dpi for length in self.size_mm]
+        if sides[0] * sides[1] > LARGEST_FACE_PX:
+            raise ValueError(
+                f"size_mm: {self.size_mm[0]:g} x {self.size_mm[1]:g} mm at {self.dpi:g} dpi is {sides[0]:.0f} x "
+                f"{sides[1]:.0f} pixels; a face can have 2**30 at most: check size_mm, bleed_mm and dpi"
+            )
+        if min(sides) < 1:
+            raise ValueError(f"size_mm: smaller than a pixel at {self.dpi:g} dpi: check size_mm and dpi")
+        return self
+
+
+class Colour(Section):
+    """[colour]: how the stone's colours become inks."""
+
+    press_profile: str = Field(description="ICC output profile of the press: a file, or the name of a shipped one.")
+    intent: Literal["perceptual", "relative", "absolute", "saturation"] = Field(
+        "perceptual", description="Rendering intent."
+    )
+    ink_limit_percent: float = Field(
+        300.0, gt=0, le=800, strict=False, description="Most ink at any place, all inks added up."
+    )
+    ink_names: list[str] | None = Field(
+        None,
+        min_length=1,
+        max_length=8,
+        description="Names of the inks. Default: those in the profile, or Cyan, Magenta, Yellow, Black.",
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Colour:
+        for name in self.ink_names or []:
+            if not name or not name.isascii() or not name.isprintable() or len(name) > 40:
+                raise ValueError(f"ink_names: {name!r} must be 1 to 40 printable ASCII characters")
+        return self
+
+
+class Output(Section):
+    """[output]: where the faces go."""
+
+    directory: str = Field(min_length=1, description="Folder of the run; relative to the job file.")
+    format: Literal["tiff"] = Field("tiff", description="File format of the faces.")
+    bits: Literal[8, 16] = Field(8, description="Bits per ink.")
+    compression: Literal["none", "lzw", "deflate"] = Field("none", description="Of the TIFF files.")
+    proofs: bool = Field(True, description="Also write each face as it will look fired, as sRGB PNG.")
+
+
+class Report(Section):
+    """[report]: the PDF."""
+
+    pdf: str | Literal[False] = Field(
+        "report.pdf", description="File name, relative to the run's folder; false for none."
+    )
+    faces: int = Field(24, ge=1, le=1000, description="Most faces to show on the contact sheet.")
+
+
+class Job(Section):
+    """A whole job file."""
+
+    schema_version: Literal[1] = Field(1, description="Version of the job file's format.")
+    job: JobFacts = Field(default_factory=lambda: JobFacts.model_validate({}))
+    slab: Slab
+    texture: Texture = Field(default_factory=lambda: Texture.model_validate({}))
+    tile: Tile
+    colour: Colour
+    output: Output
+    report: Report = Field(default_factory=lambda: Report.model_validate({}))

@@ -1,0 +1,112 @@
+"""Writing files so that a crash never leaves half of one, or of two."""
+
+from __future__ import annotations
+
+import errno
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from tilefab.errors import OutputError
+
+_ADVICE = {
+    errno.ENOSPC: "the disk is full: free some space and run again",
+    errno.EDQUOT: "the disk quota is used up: free some space and run again",
+    errno.EFBIG: "the file would be larger than is allowed here",
+    errno.EACCES: "permission denied: choose another folder or change its permissions",
+    errno.EPERM: "not permitted: choose another folder or change its permissions",
+    errno.EROFS: "the folder is read-only: choose another",
+    errno.ENOTDIR: "a part of the path is a file, not a folder",
+    errno.EISDIR: "a folder is in the way",
+    errno.ENOENT: "the folder doesn't exist and can't be made here",
+}
+
+
+def output_error(action: str, path: Path, error: OSError) -> OutputError:
+    """Explain a failed write to the user."""
+    advice = _ADVICE.get(error.errno or 0, error.strerror or str(error))
+    return OutputError(f"{path}: can't {action}: {advice}", path=str(path))
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder and those above it.
+
+    Raises
+    ------
+    OutputError
+        If that isn't possible.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise output_error("make this folder", path, error) from error
+
+
+@contextmanager
+def atomic_path(path: Path) -> Iterator[Path]:
+    """Give a temporary path in the same folder; when the block ends well it is synced and becomes ``path``.
+
+    If the block raises, the temporary file is removed and an earlier file at ``path`` stays as it was.
+
+    Raises
+    ------
+    OutputError
+        If the file can't be written.
+    """
+    make_folder(path.parent)
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.name[:80]}.", suffix=path.suffix, dir=path.parent)
+        os.close(handle)
+    except OSError as error:
+        raise output_error("write", path, error) from error
+    temporary = Path(name)
+    try:
+        yield temporary
+        with temporary.open("rb+") as file:
+            os.fsync(file.fileno())
+        temporary.chmod(0o666 & ~_umask())
+        temporary.replace(path)
+        sync_folder(path.parent)
+    except OSError as error:
+        raise output_error("write", path, error) from error
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def atomic_write(path: Path, write: Callable[[Path], None]) -> None:
+    """Let ``write`` make a file at a temporary path, then give it its name; see `atomic_path`."""
+    with atomic_path(path) as temporary:
+        write(temporary)
+
+
+def atomic_write_bytes(path: Path, data: bytes) -> None:
+    """Write a small file as a whole or not at all; see `atomic_path`."""
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def sync_folder(path: Path) -> None:
+    """Make a rename in this folder survive a power cut, where the system can do that."""
+    with suppress(OSError):
+        handle = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def remove_leftovers(folder: Path, suffixes: tuple[str, ...]) -> None:
+    """Remove temporary files that a killed process left in a folder this process has locked."""
+    for path in folder.glob(".*"):
+        if path.is_file() and path.suffix in suffixes:
+            with suppress(OSError):
+                path.unlink()
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

@@ -1,0 +1,159 @@
+"""Writing faces: print data as TIFF, previews for people as PNG, JPEG or TIFF."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenImageIO as oiio
+import tifffile
+from numpy.typing import NDArray
+
+import tilefab
+from tilefab.errors import ImageError, OutputError
+from tilefab.io.atomic import atomic_write
+from tilefab.types import Array, PrintImage
+
+_INK_SET_CMYK = 1
+_TAG_INK_SET, _TAG_INK_NAMES, _TAG_NUMBER_OF_INKS = 332, 333, 334
+_STRIP_BYTES = 1 << 18
+PREVIEW_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+
+
+@dataclass(frozen=True)
+class PrintTags:
+    """What a print file says about itself.
+
+    Attributes
+    ----------
+    dpi
+        Resolution in both directions.
+    icc_profile
+        Press profile to embed.
+    ink_names
+        One name a channel.
+    description
+        What re-creates the face, in a line of ASCII.
+    compression
+        ``"none"``, ``"lzw"`` or ``"deflate"``.
+    """
+
+    dpi: float
+    icc_profile: bytes
+    ink_names: tuple[str, ...]
+    description: str
+    compression: str = "none"
+
+
+def pixel_hash(pixels: Array) -> str:
+    """SHA-256 of raw pixels, C-contiguous and little-endian, as 64 hexadecimal digits."""
+    little = np.ascontiguousarray(pixels, dtype=pixels.dtype.newbyteorder("<"))
+    return hashlib.sha256(little.data).hexdigest()
+
+
+def write_print_tiff(path: Path, pixels: PrintImage, tags: PrintTags) -> None:
+    """Write a face for the press: separated TIFF with profile, resolution and ink names; whole or not at all.
+
+    Parameters
+    ----------
+    path
+        The file to write.
+    pixels
+        (rows, cols, 4) uint8 or uint16, 0 = no ink.
+    tags
+        What the file says about itself.
+
+    Raises
+    ------
+    OutputError
+        If it can't be written.
+    """
+    rows_per_strip = max(1, _STRIP_BYTES // max(1, pixels[:1].nbytes))
+    names = "".join(f"{name}\0" for name in tags.ink_names).encode("ascii", "replace")
+    extra = [
+        (_TAG_INK_SET, "H", 1, _INK_SET_CMYK, True),
+        # Bytes written as an ASCII field: its names are separated by NUL, which text fields can't hold.
+        (_TAG_INK_NAMES, "s", len(names), names, True),
+        (_TAG_NUMBER_OF_INKS, "H", 1, len(tags.ink_names), True),
+    ]
+    compression = {"none": None, "lzw": "lzw", "deflate": "zlib"}[tags.compression]
+
+    def write(temporary: Path) -> None:
+        tifffile.imwrite(
+            temporary,
+            pixels,
+            photometric="separated",
+            planarconfig="contig",
+            rowsperstrip=rows_per_strip,
+            compression=compression,
+            predictor=compression is not None,
+            resolution=(tags.dpi, tags.dpi),
+            resolutionunit="INCH",
+            iccprofile=tags.icc_profile,
+            description=tags.description,
+            software=f"tilefab {tilefab.__version__}",
+            extratags=extra,
+            metadata=None,
+        )
+
+    atomic_write(path, write)
+
+
+def read_print_pixels(path: Path) -> Array:
+    """Read back the pixels of a print file, (rows, cols, channels).
+
+    Raises
+    ------
+    ImageError
+        If the file can't be read.
+    """
+    try:
+        pixels = tifffile.imread(path)
+    except (OSError, ValueError, IndexError, KeyError, tifffile.TiffFileError) as error:
+        raise ImageError(f"{path}: can't be read back: {error}", path=str(path)) from error
+    return np.asarray(pixels)
+
+
+def write_preview(path: Path, rgb: NDArray[np.uint8], dpi: float) -> None:
+    """Write an sRGB picture for people; the suffix decides the format.
+
+    Parameters
+    ----------
+    path
+        A file ending in .png, .jpg, .jpeg, .tif or .tiff.
+    rgb
+        (rows, cols, 3) uint8 sRGB.
+    dpi
+        Resolution to state.
+
+    Raises
+    ------
+    OutputError
+        If the suffix is another, or the file can't be written.
+    """
+    if path.suffix.lower() not in PREVIEW_SUFFIXES:
+        raise OutputError(
+            f"{path}: unknown picture format {path.suffix or '(no ending)'}; use {', '.join(PREVIEW_SUFFIXES)}",
+            path=str(path),
+        )
+
+    def write(temporary: Path) -> None:
+        spec: Any = oiio.ImageSpec(rgb.shape[1], rgb.shape[0], 3, oiio.UINT8)
+        spec.attribute("XResolution", float(dpi))
+        spec.attribute("YResolution", float(dpi))
+        spec.attribute("ResolutionUnit", "in")
+        spec.attribute("oiio:ColorSpace", "sRGB")
+        spec.attribute("CompressionQuality", 92)
+        spec.attribute("Software", f"tilefab {tilefab.__version__}")
+        target = oiio.ImageOutput.create(str(temporary))
+        if target is None or not target.open(str(temporary), spec):
+            raise OSError(None, oiio.geterror() if target is None else target.geterror())
+        written = target.write_image(np.ascontiguousarray(rgb))
+        closed = target.close()
+        if not (written and closed):
+            raise OSError(None, target.geterror() or "the file could not be written: is the disk full?")
+
+    atomic_write(path, write)

@@ -1,0 +1,172 @@
+"""Reading scans and masks through OpenImageIO."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenImageIO as oiio
+
+from tilefab.errors import ImageError
+from tilefab.types import Array, Mask
+
+_INCH_IN = {"in": 1.0, "inch": 1.0, "cm": 2.54, "m": 0.0254}
+_PLAUSIBLE_DPI = (10.0, 20000.0)
+_OPAQUE = 0.999
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """A scan as it stands in its file.
+
+    Attributes
+    ----------
+    path
+        Where it was read from.
+    pixels
+        (rows, cols, 1, 3 or 4) uint8, uint16 or float32: gray, RGB or CMYK, without alpha.
+    valid
+        (rows, cols), False where the file says that a pixel is transparent.
+    dpi
+        Resolution the file states, if it states a plausible one.
+    icc_profile
+        Embedded profile, if any.
+    notes
+        What was unusual and what was done about it, a sentence each.
+    """
+
+    path: str
+    pixels: Array
+    valid: Mask
+    dpi: float | None
+    icc_profile: bytes | None
+    notes: tuple[str, ...]
+
+
+def read_scan(path: Path) -> Scan:
+    """Read a scan: TIFF, PNG, JPEG, EXR or anything else that OpenImageIO knows; 8, 16 bit or float.
+
+    Raises
+    ------
+    ImageError
+        If the file is missing, damaged, empty, has a number of channels no colour has, or holds NaN or infinity.
+    """
+    pixels, spec = _read(path)
+    notes: list[str] = []
+    valid = np.ones(pixels.shape[:2], dtype=bool)
+    alpha = int(spec.alpha_channel)
+    if 0 <= alpha < pixels.shape[2] and str(spec.channelnames[alpha]).upper() in ("A", "ALPHA"):
+        opacity = pixels[..., alpha].astype(np.float32)
+        if pixels.dtype.kind == "u":
+            opacity /= np.iinfo(pixels.dtype).max
+        valid = opacity >= _OPAQUE
+        pixels = np.delete(pixels, alpha, axis=2)
+        share = 100.0 * float((~valid).mean())
+        notes.append(f"{path.name} has an alpha channel: {share:.1f} % of it is transparent and not used")
+        if not valid.any():
+            raise ImageError(f"{path}: the whole scan is transparent; give one with opaque pixels", path=str(path))
+    channels = pixels.shape[2]
+    if channels == 2 or channels > 4:
+        if channels > 4 and [str(n) for n in spec.channelnames[:3]] == ["R", "G", "B"]:
+            notes.append(f"{path.name} has {channels} channels: only R, G and B are used")
+            pixels = pixels[..., :3]
+        else:
+            raise ImageError(
+                f"{path}: {channels} channels ({', '.join(spec.channelnames)}); a scan has 1 (gray), 3 (RGB) or "
+                "4 (CMYK)",
+                path=str(path),
+            )
+    if channels == 1:
+        notes.append(f"{path.name} is grayscale: it is used as a neutral grey stone")
+    pixels = np.ascontiguousarray(pixels)
+    if pixels.dtype.kind == "f":
+        pixels = _finite(path, pixels, valid, notes)
+    dpi = _dpi(spec)
+    profile = spec.getattribute("ICCProfile")
+    icc_profile = None if profile is None else bytes(np.asarray(profile, dtype=np.uint8).tobytes())
+    return Scan(str(path), pixels, valid, dpi, icc_profile, tuple(notes))
+
+
+def read_mask(path: Path, shape: tuple[int, int]) -> Mask:
+    """Read a mask of areas not to use: white (or anything over half) is not used. True in the result = good.
+
+    Raises
+    ------
+    ImageError
+        If it can't be read or isn't as large as its scan.
+    """
+    pixels, spec = _read(path)
+    if pixels.shape[:2] != shape:
+        raise ImageError(
+            f"{path}: the mask has {pixels.shape[1]} x {pixels.shape[0]} pixels but its scan {shape[1]} x "
+            f"{shape[0]}; both must be of one size",
+            path=str(path),
+        )
+    alpha = int(spec.alpha_channel)
+    colour = np.delete(pixels, alpha, axis=2) if 0 <= alpha < pixels.shape[2] > 1 else pixels
+    limit = np.iinfo(pixels.dtype).max / 2 if pixels.dtype.kind == "u" else 0.5
+    good: Mask = ~(colour.astype(np.float32).mean(axis=2) > limit)
+    if not good.any():
+        raise ImageError(
+            f"{path}: the mask leaves nothing of the scan; white marks what is not to be used", path=str(path)
+        )
+    return good
+
+
+def _read(path: Path) -> tuple[Array, Any]:
+    if not path.is_file():
+        what = "is a folder, not an image" if path.is_dir() else "there is no such file"
+        raise ImageError(f"{path}: {what}", path=str(path))
+    config = oiio.ImageSpec()
+    config.attribute("oiio:RawColor", 1)
+    config.attribute("oiio:UnassociatedAlpha", 1)
+    source = oiio.ImageInput.open(str(path), config)
+    if source is None:
+        raise _unreadable(path, oiio.geterror())
+    try:
+        spec = source.spec()
+        if spec.width < 1 or spec.height < 1 or spec.nchannels < 1 or spec.depth > 1:
+            raise ImageError(f"{path}: not a flat image of at least one pixel", path=str(path))
+        kind, dtype = {
+            oiio.UINT8: (oiio.UINT8, np.uint8),
+            oiio.UINT16: (oiio.UINT16, np.uint16),
+        }.get(spec.format.basetype, (oiio.FLOAT, np.float32))
+        pixels = source.read_image(0, 0, 0, spec.nchannels, kind)
+        if pixels is None or source.has_error:
+            raise _unreadable(path, source.geterror())
+    except (MemoryError, RuntimeError) as error:
+        raise _unreadable(path, str(error)) from error
+    finally:
+        source.close()
+    return np.asarray(pixels, dtype=dtype).reshape(spec.height, spec.width, spec.nchannels), spec
+
+
+def _unreadable(path: Path, reason: str) -> ImageError:
+    first_line = (reason or "unknown reason").strip().splitlines()[0]
+    return ImageError(f"{path}: damaged or not an image: {first_line}; scan or export it again", path=str(path))
+
+
+def _finite(path: Path, pixels: Array, valid: Mask, notes: list[str]) -> Array:
+    bad = ~np.isfinite(pixels).all(axis=2) & valid
+    if bad.any():
+        row, col = (int(k) for k in np.argwhere(bad)[0])
+        raise ImageError(
+            f"{path}: {np.count_nonzero(bad)} pixels are NaN or infinite, the first at row {row}, column {col}; "
+            "export the scan again without them",
+            path=str(path),
+        )
+    negative = int(np.count_nonzero((pixels < 0).any(axis=2) & valid))
+    if negative:
+        notes.append(f"{path.name} has {negative} pixels with negative values: they are set to 0")
+    return np.where(valid[..., None], np.maximum(pixels, 0), 0).astype(np.float32)
+
+
+def _dpi(spec: Any) -> float | None:
+    resolution = spec.getattribute("XResolution")
+    unit = _INCH_IN.get(str(spec.getattribute("ResolutionUnit") or "").lower())
+    if not isinstance(resolution, int | float) or unit is None:
+        return None
+    dpi = float(resolution) * unit
+    return dpi if _PLAUSIBLE_DPI[0] <= dpi <= _PLAUSIBLE_DPI[1] else None
