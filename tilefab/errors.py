@@ -60,9 +60,7 @@ class ConfigError(TilefabError):
     exit_code = 3
 
     def __init__(self, problems: list[Problem]) -> None:
-        super().__init__(
-            "\n".join(str(problem) for problem in problems), path=problems[0].file if problems else None
-        )
+        super().__init__("\n".join(str(problem) for problem in problems), path=problems[0].file if problems else None)
         self.problems = problems
 
 

@@ -1,6 +1,6 @@
 """Job files: their models, and the loader that reports every problem at once with its line."""
 
-from tilefab.config.loader import load_job
+from tilefab.config.loader import JobFile, load_job
 from tilefab.config.models import Job
 
-__all__ = ["Job", "load_job"]
+__all__ = ["Job", "JobFile", "load_job"]

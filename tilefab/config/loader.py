@@ -5,6 +5,8 @@ from __future__ import annotations
 import difflib
 import re
 import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
 
@@ -19,7 +21,31 @@ _TOML_PLACE = re.compile(r"\s*\(at line (\d+), column \d+\)")
 _MAX_BYTES = 1 << 20
 
 
-def load_job(path: Path) -> Job:
+@dataclass(frozen=True)
+class JobFile:
+    """A job as read from its file.
+
+    Attributes
+    ----------
+    path
+        The file.
+    job
+        What it says, checked.
+    lines
+        Line of each section and key, counted from 1.
+    """
+
+    path: Path
+    job: Job
+    lines: Mapping[tuple[str, ...], int]
+
+    def problem(self, section: str, key: str, message: str) -> Problem:
+        """Describe a problem with one key of this file, at its line."""
+        line = self.lines.get((section, key), self.lines.get((section,)))
+        return Problem(str(self.path), line, f"{section}.{key}", message)
+
+
+def load_job(path: Path) -> JobFile:
     """Read and check a job file; paths in it are not looked at.
 
     Parameters
@@ -52,7 +78,7 @@ def load_job(path: Path) -> Job:
         message = _TOML_PLACE.sub("", str(error)).replace(" (at end of document)", "; the file ends too early")
         raise ConfigError([Problem(name, line_number, "", f"not valid TOML: {message}")]) from error
     try:
-        return Job.model_validate(values)
+        return JobFile(path, Job.model_validate(values), _lines(text))
     except ValidationError as error:
         lines = _lines(text)
         problems = [_problem(name, lines, dict(details)) for details in error.errors()]

@@ -35,7 +35,8 @@ class Slab(Section):
     scans: list[str] = Field(
         min_length=1,
         max_length=64,
-        description="Scans of one stone: TIFF, PNG, JPEG or EXR. `package:NAME/FILE` names a file inside an installed Python package.",
+        description="Scans of one stone: TIFF, PNG, JPEG or EXR. "
+        "`package:NAME/FILE` names a file inside an installed Python package.",
     )
     dpi: float | None = Field(
         None,

@@ -11,6 +11,8 @@ from pathlib import Path
 
 from tilefab.errors import OutputError
 
+TEMPORARY_PREFIX = ".tilefab-"
+
 _ADVICE = {
     errno.ENOSPC: "the disk is full: free some space and run again",
     errno.EDQUOT: "the disk quota is used up: free some space and run again",
@@ -57,7 +59,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
     """
     make_folder(path.parent)
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.name[:80]}.", suffix=path.suffix, dir=path.parent)
+        handle, name = tempfile.mkstemp(prefix=TEMPORARY_PREFIX, suffix=path.suffix, dir=path.parent)
         os.close(handle)
     except OSError as error:
         raise output_error("write", path, error) from error
@@ -98,12 +100,11 @@ def sync_folder(path: Path) -> None:
             os.close(handle)
 
 
-def remove_leftovers(folder: Path, suffixes: tuple[str, ...]) -> None:
+def remove_leftovers(folder: Path) -> None:
     """Remove temporary files that a killed process left in a folder this process has locked."""
-    for path in folder.glob(".*"):
-        if path.is_file() and path.suffix in suffixes:
-            with suppress(OSError):
-                path.unlink()
+    for path in folder.glob(f"{TEMPORARY_PREFIX}*"):
+        with suppress(OSError):
+            path.unlink()
 
 
 def _umask() -> int:

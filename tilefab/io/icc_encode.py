@@ -158,11 +158,12 @@ def _solid_lab(forward: ForwardTable) -> NDArray[np.float64]:
 
 
 def _encode_lab(lab: NDArray[np.float64]) -> NDArray[np.uint16]:
-    return np.clip(np.round((lab + _LAB_OFFSET) * _LAB_SCALE), 0, 65535).astype(np.uint16)
+    codes = np.clip(np.round((lab + _LAB_OFFSET) * _LAB_SCALE), 0, 65535)
+    return np.asarray(codes, dtype=np.uint16)
 
 
 def _encode_unit(values: NDArray[np.float64]) -> NDArray[np.uint16]:
-    return np.clip(np.round(values * 65535.0), 0, 65535).astype(np.uint16)
+    return np.asarray(np.clip(np.round(values * 65535.0), 0, 65535), dtype=np.uint16)
 
 
 def _lut16(curves: NDArray[np.float64], grid: NDArray[np.uint16], inputs: int) -> bytes:

@@ -10,7 +10,7 @@ import numpy as np
 import OpenImageIO as oiio
 
 from tilefab.errors import ImageError
-from tilefab.types import Array, Mask
+from tilefab.types import Array, Mask, SizePx
 
 _INCH_IN = {"in": 1.0, "inch": 1.0, "cm": 2.54, "m": 0.0254}
 _PLAUSIBLE_DPI = (10.0, 20000.0)
@@ -43,6 +43,16 @@ class Scan:
     dpi: float | None
     icc_profile: bytes | None
     notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ScanFacts:
+    """What a scan's header says: size, channels with alpha, type of its numbers, resolution if stated."""
+
+    size: SizePx
+    channels: int
+    dtype: str
+    dpi: float | None
 
 
 def read_scan(path: Path) -> Scan:
@@ -115,7 +125,23 @@ def read_mask(path: Path, shape: tuple[int, int]) -> Mask:
     return good
 
 
-def _read(path: Path) -> tuple[Array, Any]:
+def scan_facts(path: Path) -> ScanFacts:
+    """Read what a scan's header says, without its pixels.
+
+    Raises
+    ------
+    ImageError
+        If the file is missing or its header can't be read.
+    """
+    source = _open(path)
+    try:
+        spec = source.spec()
+        return ScanFacts(SizePx(spec.height, spec.width), spec.nchannels, str(spec.format), _dpi(spec))
+    finally:
+        source.close()
+
+
+def _open(path: Path) -> Any:
     if not path.is_file():
         what = "is a folder, not an image" if path.is_dir() else "there is no such file"
         raise ImageError(f"{path}: {what}", path=str(path))
@@ -125,10 +151,17 @@ def _read(path: Path) -> tuple[Array, Any]:
     source = oiio.ImageInput.open(str(path), config)
     if source is None:
         raise _unreadable(path, oiio.geterror())
+    spec = source.spec()
+    if spec.width < 1 or spec.height < 1 or spec.nchannels < 1 or spec.depth > 1:
+        source.close()
+        raise ImageError(f"{path}: not a flat image of at least one pixel", path=str(path))
+    return source
+
+
+def _read(path: Path) -> tuple[Array, Any]:
+    source = _open(path)
     try:
         spec = source.spec()
-        if spec.width < 1 or spec.height < 1 or spec.nchannels < 1 or spec.depth > 1:
-            raise ImageError(f"{path}: not a flat image of at least one pixel", path=str(path))
         kind, dtype = {
             oiio.UINT8: (oiio.UINT8, np.uint8),
             oiio.UINT16: (oiio.UINT16, np.uint16),

@@ -157,7 +157,9 @@ class _Quilter:
         self._rim = np.ones((block, block), dtype=bool)
         self._rim[1:-1, 1:-1] = False
         self._core = np.ix_([block // 2 - 1, block // 2], [block // 2 - 1, block // 2])
-        self._hopeless = np.zeros((size.rows, size.cols), dtype=bool)
+        # Bad places are looked for, and given up, on a grid of this many pixels.
+        self._grain = max(2, block // 8)
+        self._hopeless = np.zeros((-(-size.rows // self._grain), -(-size.cols // self._grain)), dtype=bool)
         self._jumps: NDArray[np.float64] | None = None
 
     def lay(self, row: int, col: int) -> None:
@@ -178,16 +180,17 @@ class _Quilter:
         """
         if self._jumps is None:
             self._jumps = _seam_jumps(self.base, self.source)
-        jumps, block = self._jumps, self.block
-        local = ndimage.uniform_filter(jumps, size=max(3, block // 2), mode="wrap")
-        local[self._hopeless] = -1.0
-        at_row, at_col = (int(k) for k in np.unravel_index(int(local.argmax()), local.shape))
-        reach = max(1, block // 8)
-        near = np.ix_(
-            (at_row + np.arange(-reach, reach + 1)) % local.shape[0],
-            (at_col + np.arange(-reach, reach + 1)) % local.shape[1],
+        jumps, block, grain = self._jumps, self.block, self._grain
+        sums = np.add.reduceat(
+            np.add.reduceat(jumps, np.arange(0, jumps.shape[0], grain), axis=0),
+            np.arange(0, jumps.shape[1], grain),
+            axis=1,
         )
-        self._hopeless[near] = True
+        local = ndimage.uniform_filter(sums, size=max(3, block // (2 * grain)), mode="wrap")
+        local[self._hopeless] = -1.0
+        worst_row, worst_col = np.unravel_index(int(local.argmax()), local.shape)
+        self._hopeless[worst_row, worst_col] = True
+        at_row, at_col = int(worst_row) * grain + grain // 2, int(worst_col) * grain + grain // 2
         window = self._window(at_row - block // 2, at_col - block // 2)
         there = self.lab[window]
         ring = np.ones((block, block), dtype=bool)
@@ -206,7 +209,7 @@ class _Quilter:
         if float(after.sum()) < before:
             self.source[window], self.lab[window] = source, lab
             jumps[self._window(at_row - block // 2 - 1, at_col - block // 2 - 1, block + 1)] = after
-            self._hopeless[window] = False
+            self._hopeless[np.unique(window[0] // grain)[:, None], np.unique(window[1] // grain)] = False
 
     def _window(self, row: int, col: int, side: int | None = None) -> tuple[NDArray[np.int64], ...]:
         steps = np.arange(side or self.block)

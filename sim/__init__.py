@@ -1,0 +1,1 @@
+"""The plant, simulated: physics that shares no code with the product."""

@@ -1,0 +1,270 @@
+"""``tilefab``: the operator's commands."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import tilefab
+from tilefab.cli import profile
+from tilefab.cli.progress import Bars
+from tilefab.cli.show import show_map, show_plan, show_result
+from tilefab.config import load_job
+from tilefab.errors import ConfigError, Problem, TilefabError
+from tilefab.io.faces import write_preview
+from tilefab.io.texture_map_file import load_texture_map
+from tilefab.pipeline.describe import map_facts, plan_facts
+from tilefab.pipeline.faces import code_is_of, face_code, face_region, parse_face_code, write_face
+from tilefab.pipeline.maps import job_maps, proof_map, texture_map, texture_map_path
+from tilefab.pipeline.plan import Plan, plan_job
+from tilefab.pipeline.run import run_job
+from tilefab.pipeline.run_report import job_warnings, write_report
+from tilefab.pipeline.selection import parse_faces
+from tilefab.pipeline.wall import render_wall
+from tilefab.sampling.layout import FACE_LIMIT
+
+INTERRUPTED = 130
+UNEXPECTED = 70
+
+app = typer.Typer(
+    name="tilefab",
+    help="Prints stone on ceramic tile: a different, re-creatable face on every tile of a run.",
+    epilog="Exit codes: 0 done, 2 wrong usage, 3 job file, 4 image, 5 profile, 6 texture can't be grown, 7 texture-map "
+    "file, 8 output, 9 report, 70 a defect of tilefab, 130 interrupted.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+job_app = typer.Typer(help="Job files: check one.", no_args_is_help=True)
+map_app = typer.Typer(help="Texture maps: build and look into them.", no_args_is_help=True)
+app.add_typer(job_app, name="job")
+app.add_typer(map_app, name="map")
+app.add_typer(profile.app, name="profile")
+
+JobArgument = Annotated[Path, typer.Argument(metavar="JOB", help="Job file (TOML).")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON, for programs.")]
+OutOption = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="Folder of the run, instead of the job's own.")
+]
+ThreadsOption = Annotated[
+    int | None, typer.Option("--threads", min=1, help="Threads to use; never changes a pixel. [default: all cores]")
+]
+FileOption = Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="File to write.")]
+
+
+def _version(show: bool) -> None:
+    if show:
+        typer.echo(f"tilefab {tilefab.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _main(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and leave.")
+    ] = False,
+) -> None:
+    """Prints stone on ceramic tile: a different, re-creatable face on every tile of a run."""
+
+
+def _plan(job: Path, out: Path | None) -> Plan:
+    return plan_job(load_job(job), out)
+
+
+@job_app.command("check")
+def job_check(job: JobArgument, out: OutOption = None, as_json: JsonOption = False) -> None:
+    """Check a job file and everything it names; print the resolved job, or every problem at once."""
+    try:
+        plan = _plan(job, out)
+    except TilefabError as error:
+        if not as_json:
+            raise
+        problems = error.problems if isinstance(error, ConfigError) else [Problem(str(job), None, "", error.message)]
+        _print_json({"valid": False, "problems": [dataclasses.asdict(p) for p in problems]})
+        raise typer.Exit(error.exit_code) from error
+    if as_json:
+        _print_json({"valid": True, **plan_facts(plan)})
+    else:
+        show_plan(plan)
+
+
+@app.command("run")
+def run(
+    job: JobArgument,
+    faces: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A:B", help="Faces to make: A to B - 1, single ones, or several with commas. [default: all]"
+        ),
+    ] = None,
+    out: OutOption = None,
+    threads: ThreadsOption = None,
+    verify: Annotated[bool, typer.Option("--verify", help="Also compare faces that are there already.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Make the faces of a job, with manifest and report. A run that was stopped goes on where it stopped."""
+    plan = _plan(job, out)
+    indices = parse_faces(faces, plan.job.tile.count)
+    report = None
+    with Bars() as bars:
+        result = run_job(plan, indices, bars, threads=threads, verify=verify)
+        if plan.job.report.pdf is not False:
+            report = write_report(plan, bars, created=datetime.now(), threads=threads)  # noqa: DTZ005
+        warnings = job_warnings(texture_map(plan, bars, threads))
+    facts = {**dataclasses.asdict(result), "output": str(result.output), "report": str(report) if report else None}
+    if as_json:
+        _print_json({**facts, "warnings": warnings})
+    else:
+        show_result(facts, warnings)
+
+
+@app.command("face")
+def face(
+    job: JobArgument,
+    index: Annotated[str, typer.Argument(metavar="INDEX", help="Number of the face, or the text of its code.")],
+    output: FileOption,
+    out: OutOption = None,
+    threads: ThreadsOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Re-create one face: print data if FILE ends in .tif, its fired look if in .png or .jpg."""
+    plan = _plan(job, out)
+    number = _face_number(plan, index)
+    with Bars() as bars:
+        maps = job_maps(plan, bars, threads)
+        kind = write_face(plan, maps, number, output, threads)
+    region = face_region(plan, maps.press, number)
+    facts = {
+        "face": number,
+        "file": str(output),
+        "kind": kind,
+        "origin": [region.row, region.col],
+        "rows": region.rows,
+        "cols": region.cols,
+        "code": face_code(plan, maps.press, number),
+    }
+    if as_json:
+        _print_json(facts)
+    else:
+        typer.echo(f"{output}: face {number} ({kind}), {region.cols} x {region.rows} pixels")
+
+
+def _face_number(plan: Plan, text: str) -> int:
+    code = parse_face_code(text)
+    if code is not None:
+        if not code_is_of(plan, code):
+            raise typer.BadParameter("this code was made by another job, or by this job with other settings")
+        return code.index
+    if not text.isascii() or not text.isdigit() or int(text) >= FACE_LIMIT:
+        raise typer.BadParameter(f"{text!r} is neither a face number (0 .. 2**40 - 1) nor the text of a face's code")
+    return int(text)
+
+
+@app.command("wall")
+def wall(
+    job: JobArgument,
+    rows: Annotated[int, typer.Option(min=1, max=1000, help="Tiles from top to bottom.")],
+    cols: Annotated[int, typer.Option(min=1, max=1000, help="Tiles from left to right.")],
+    output: FileOption,
+    first: Annotated[int, typer.Option(min=0, help="Face at the top left.")] = 0,
+    size_px: Annotated[int, typer.Option(min=16, max=30000, help="Longer side of the picture, about.")] = 4000,
+    grout_mm: Annotated[float, typer.Option(min=0, max=50, help="Width of the joints.")] = 2.0,
+    out: OutOption = None,
+    threads: ThreadsOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Picture of a wall of many faces in their fired colours (.png, .jpg or .tif)."""
+    plan = _plan(job, out)
+    with Bars() as bars:
+        maps = job_maps(plan, bars, threads)
+        picture = render_wall(
+            plan,
+            proof_map(plan, maps.press, threads),
+            rows,
+            cols,
+            first=first,
+            largest_side_px=size_px,
+            grout_mm=grout_mm,
+            threads=threads,
+            progress=lambda share: bars.stage("Laying the wall", share),
+        )
+        dpi = picture.shape[1] / (cols * plan.tile_mm.width / 25.4)
+        write_preview(output, picture, dpi)
+    if as_json:
+        _print_json({"file": str(output), "rows": picture.shape[0], "cols": picture.shape[1], "tiles": [rows, cols]})
+    else:
+        typer.echo(f"{output}: {rows} x {cols} tiles, {picture.shape[1]} x {picture.shape[0]} pixels")
+
+
+@map_app.command("build")
+def map_build(
+    job: JobArgument, out: OutOption = None, threads: ThreadsOption = None, as_json: JsonOption = False
+) -> None:
+    """Build a job's texture map, or find it built, in the run's folder."""
+    plan = _plan(job, out)
+    with Bars() as bars:
+        built = texture_map(plan, bars, threads)
+    facts = map_facts(built, texture_map_path(plan))
+    if as_json:
+        _print_json({**facts, "warnings": job_warnings(built)})
+    else:
+        show_map(facts, job_warnings(built))
+
+
+@map_app.command("info")
+def map_info(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Texture-map file (.tfmap).")],
+    as_json: JsonOption = False,
+) -> None:
+    """Check a texture-map file and show what is in it."""
+    loaded = load_texture_map(file)
+    facts = map_facts(loaded, file)
+    if as_json:
+        _print_json(facts)
+    else:
+        show_map(facts, ())
+
+
+@app.command("report")
+def report(
+    job: JobArgument,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="PDF to write, instead of the job's own.")
+    ] = None,
+    out: OutOption = None,
+    threads: ThreadsOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Draw the PDF report of a run anew."""
+    plan = _plan(job, out)
+    with Bars() as bars:
+        path = write_report(plan, bars, created=datetime.now(), path=output, threads=threads)  # noqa: DTZ005
+    if as_json:
+        _print_json({"report": str(path)})
+    else:
+        typer.echo(str(path))
+
+
+def _print_json(value: Any) -> None:
+    typer.echo(json.dumps(value, indent=2, ensure_ascii=False, default=str))
+
+
+def main() -> None:
+    """Entry point: run a command, explain errors in a line each, and end with a documented exit code."""
+    try:
+        app()
+    except TilefabError as error:
+        typer.echo("\n".join(f"error: {line}" for line in error.message.splitlines()), err=True)
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        typer.echo("interrupted: finished faces are kept; run the same command again to go on", err=True)
+        sys.exit(INTERRUPTED)
+    except (MemoryError, OSError) as error:
+        typer.echo(f"error: {error or 'out of memory'}", err=True)
+        sys.exit(1)

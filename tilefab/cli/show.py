@@ -1,0 +1,64 @@
+"""Tables for people on standard output."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from tilefab.pipeline.describe import plan_facts
+from tilefab.pipeline.plan import Plan
+
+
+def _table(title: str, rows: Iterable[tuple[str, str]]) -> None:
+    table = Table(title=title, title_justify="left", show_header=False, box=None, pad_edge=False)
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column(overflow="fold")
+    for label, value in rows:
+        table.add_row(label, Text(value))
+    Console().print(table)
+
+
+def show_plan(plan: Plan) -> None:
+    """Print a resolved job."""
+    facts = plan_facts(plan)
+    rows: list[tuple[str, str]] = []
+    for section, values in facts.items():
+        if isinstance(values, Mapping):
+            rows += [(f"{section}.{name}", _text(value)) for name, value in values.items()]
+        else:
+            rows.append((section, _text(values)))
+    _table(f"{plan.job_file.path}: in order", rows)
+
+
+def show_map(facts: Mapping[str, object], warnings: Iterable[str]) -> None:
+    """Print the facts of a texture map."""
+    _table(str(facts["file"]), [(name, _text(value)) for name, value in facts.items() if name != "file"])
+    _warn(warnings)
+
+
+def show_result(facts: Mapping[str, object], warnings: Iterable[str]) -> None:
+    """Print what a run did."""
+    _table(
+        str(facts["output"]),
+        [
+            ("faces", f"{facts['written']} written, {facts['kept']} there already"),
+            ("report", str(facts["report"] or "none")),
+            ("texture map", str(facts["texture_map"])[:16]),
+        ],
+    )
+    _warn(warnings)
+
+
+def _warn(warnings: Iterable[str]) -> None:
+    console = Console()
+    for warning in warnings:
+        console.print(Text(f"warning: {warning}", style="yellow"), soft_wrap=True)
+
+
+def _text(value: object) -> str:
+    if isinstance(value, list | tuple):
+        return ", ".join(_text(item) for item in value)
+    return "-" if value is None else str(value)

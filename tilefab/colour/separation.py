@@ -1,0 +1,360 @@
+"""From wanted colours to inks: the press model turned round, under ink limits.
+
+Four inks make most colours in many ways. Among them the solver takes the one whose black is nearest to a wish
+that grows towards dark and neutral colours, and that agrees with its neighbours in colour space, so that
+smooth stone stays smooth. Colours that the press can't make become the nearest ones, hue before chroma.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tilefab.colour.press_model import PressModel, evaluate_at
+from tilefab.colour.qp import bounded_step
+from tilefab.jit import kernel
+
+Float64Array = NDArray[np.float64]
+
+_SLICE_COLOURS = 512
+_DARK_NEUTRALITY = 4.0
+
+
+@dataclass(frozen=True)
+class SeparationSettings:
+    """How inks are chosen.
+
+    Attributes
+    ----------
+    total_limit
+        Largest ink sum, ink fractions; 2.8 is 280 %.
+    ink_limits
+        Largest fraction of each ink; None is 1 for all.
+    black_channel
+        Index of the black ink; None where there is none.
+    black_start
+        Share of the way from white to the darkest colour, 0 to 1, at which black is first wished for.
+    black_most
+        Black wished for in the darkest neutral, ink fraction.
+    black_chroma
+        Chroma at which the wish for black has fallen to about a third.
+    hue_weight
+        Weight of hue errors against chroma errors of colours out of gamut, above 1.
+    """
+
+    total_limit: float
+    ink_limits: tuple[float, ...] | None = None
+    black_channel: int | None = 3
+    black_start: float = 0.25
+    black_most: float = 0.95
+    black_chroma: float = 28.0
+    hue_weight: float = 2.0
+
+
+@kernel
+def solve_rows(
+    lab_d50: Float64Array,
+    metric: Float64Array,
+    start: Float64Array,
+    anchor: Float64Array,
+    pull: Float64Array,
+    upper: Float64Array,
+    total_limit: float,
+    centres: Float64Array,
+    weights: Float64Array,
+    drift: Float64Array,
+    power: int,
+    iterations: int,
+    ink_frac: Float64Array,
+) -> None:
+    """Minimise ``|metric (model(ink) - lab)|^2 + sum(pull (ink - anchor)^2)`` within the limits.
+
+    Every row alone, by Levenberg-Marquardt with exact bounded steps.
+
+    Parameters
+    ----------
+    lab_d50, metric
+        (M, 3) wanted colours; (M, 3, 3) matrices that turn a Lab error into the one to make small.
+    start, anchor, pull
+        (M, N) feasible starting points, (M, N) wishes, (M, N) their weights.
+    upper, total_limit
+        (N,) largest fraction of each ink, and largest sum.
+    centres, weights, drift, power
+        The press model, see `tilefab.colour.press_model.evaluate_at`.
+    iterations
+        Most steps for a colour.
+    ink_frac
+        (M, N), receives the solution.
+    """
+    inks = start.shape[1]
+    lab = np.empty(3)
+    jacobian = np.empty((3, inks))
+    trial_jacobian = np.empty((3, inks))
+    weighted = np.empty((3, inks))
+    residual = np.empty(3)
+    hess = np.empty((inks, inks))
+    grad = np.empty(inks)
+    lower_step = np.empty(inks)
+    upper_step = np.empty(inks)
+    step = np.empty(inks)
+    here = np.empty(inks)
+    trial = np.empty(inks)
+    for row in range(lab_d50.shape[0]):
+        here[:] = start[row]
+        evaluate_at(here, centres, weights, drift, power, lab, jacobian)
+        cost = 0.0
+        for k in range(3):
+            residual[k] = 0.0
+            for m in range(3):
+                residual[k] += metric[row, k, m] * (lab[m] - lab_d50[row, m])
+            cost += residual[k] ** 2
+        for i in range(inks):
+            cost += pull[row, i] * (here[i] - anchor[row, i]) ** 2
+        damping = 1.0
+        for _ in range(iterations):
+            for k in range(3):
+                for i in range(inks):
+                    weighted[k, i] = 0.0
+                    for m in range(3):
+                        weighted[k, i] += metric[row, k, m] * jacobian[m, i]
+            room = total_limit
+            for i in range(inks):
+                grad[i] = pull[row, i] * (here[i] - anchor[row, i])
+                for k in range(3):
+                    grad[i] += weighted[k, i] * residual[k]
+                for j in range(inks):
+                    hess[i, j] = 0.0
+                    for k in range(3):
+                        hess[i, j] += weighted[k, i] * weighted[k, j]
+                hess[i, i] += pull[row, i] + damping
+                lower_step[i] = min(-here[i], 0.0)
+                upper_step[i] = max(upper[i] - here[i], 0.0)
+                room -= here[i]
+            bounded_step(hess, grad, lower_step, upper_step, max(room, 0.0), step)
+            longest = 0.0
+            for i in range(inks):
+                trial[i] = min(max(here[i] + step[i], 0.0), upper[i])
+                longest = max(longest, abs(step[i]))
+            evaluate_at(trial, centres, weights, drift, power, lab, trial_jacobian)
+            trial_cost = 0.0
+            for k in range(3):
+                value = 0.0
+                for m in range(3):
+                    value += metric[row, k, m] * (lab[m] - lab_d50[row, m])
+                trial_cost += value**2
+            for i in range(inks):
+                trial_cost += pull[row, i] * (trial[i] - anchor[row, i]) ** 2
+            if trial_cost < cost:
+                cost = trial_cost
+                here[:] = trial
+                jacobian[:] = trial_jacobian
+                for k in range(3):
+                    residual[k] = 0.0
+                    for m in range(3):
+                        residual[k] += metric[row, k, m] * (lab[m] - lab_d50[row, m])
+                damping = max(damping * 0.2, 1e-4)
+            else:
+                damping *= 8.0
+            if longest < 2e-6 or damping > 1e10:
+                break
+        ink_frac[row] = here
+
+
+def error_metric(lab_d50: Float64Array, hue_weight: float) -> Float64Array:
+    """Matrices (M, 3, 3) that turn Lab errors at colours (M, 3) into weighted LCh errors.
+
+    Chroma counts less at high chroma, as in CIE94; hue counts ``hue_weight`` times what CIE94 gives it.
+    Within the gamut the weights don't matter, since the error is nil.
+    """
+    chroma = np.hypot(lab_d50[:, 1], lab_d50[:, 2])
+    direction = lab_d50[:, 1:] / np.maximum(chroma, 1e-9)[:, np.newaxis]
+    direction[chroma < 1e-9] = (1.0, 0.0)
+    judged = np.minimum(chroma, 60.0)
+    # Near the neutral axis hue means nothing: the extra weight fades in.
+    extra = 1.0 + (hue_weight - 1.0) * judged / (judged + 10.0)
+    metric = np.zeros((len(lab_d50), 3, 3))
+    metric[:, 0, 0] = 1.0
+    metric[:, 1, 1:] = direction / (1.0 + 0.045 * judged)[:, np.newaxis]
+    metric[:, 2, 1] = -direction[:, 1] * extra / (1.0 + 0.015 * judged)
+    metric[:, 2, 2] = direction[:, 0] * extra / (1.0 + 0.015 * judged)
+    return metric
+
+
+def black_wish(lab_d50: Float64Array, white_l: float, dark_l: float, settings: SeparationSettings) -> Float64Array:
+    """Black wished for, (M,) ink fractions, for colours (M, 3): most in the dark neutrals."""
+    depth = np.clip((white_l - lab_d50[:, 0]) / max(white_l - dark_l, 1e-6), 0.0, 1.0)
+    way = np.clip((depth - settings.black_start) / (1.0 - settings.black_start), 0.0, 1.0)
+    chroma = np.hypot(lab_d50[:, 1], lab_d50[:, 2])
+    fade = np.exp(-((chroma / settings.black_chroma) ** 2))
+    return np.asarray(settings.black_most * way * way * (3.0 - 2.0 * way) * fade, dtype=np.float64)
+
+
+class Separator:
+    """Inks for colours, by turning a press model round.
+
+    Parameters
+    ----------
+    model
+        The fitted press.
+    settings
+        Limits and wishes.
+    threads
+        Number of threads, 1 or more; never changes a result.
+
+    Raises
+    ------
+    ValueError
+        If a limit is not above zero, or does not fit the model's inks.
+    """
+
+    def __init__(self, model: PressModel, settings: SeparationSettings, *, threads: int = 1) -> None:
+        limits = settings.ink_limits or (1.0,) * model.inks
+        if len(limits) != model.inks or not all(0.0 < limit <= 1.0 for limit in limits):
+            raise ValueError(f"ink_limits {limits} must be {model.inks} fractions above 0, up to 1")
+        if not settings.total_limit > 0.0:
+            raise ValueError(f"total_limit {settings.total_limit} must be above 0")
+        if settings.black_channel is not None and not 0 <= settings.black_channel < model.inks:
+            raise ValueError(f"black_channel {settings.black_channel} is outside 0 .. {model.inks - 1}")
+        self.model = model
+        self.settings = settings
+        self.threads = max(threads, 1)
+        self.upper = np.array(limits, dtype=np.float64)
+        white = model.lab(np.zeros((1, model.inks)))[0]
+        self.white_l = float(white[0])
+        # The darkest print that is still near neutral: colour counts more than lightness.
+        metric = np.diag([1.0, _DARK_NEUTRALITY, _DARK_NEUTRALITY])[np.newaxis]
+        middle = np.full((1, model.inks), min(0.5, settings.total_limit / model.inks / 2.0)) * self.upper
+        dark = self.solve(np.zeros((1, 3)), start=middle, anchor=middle, pull=np.full_like(middle, 1e-3), metric=metric)
+        self.dark_lab = model.lab(dark)[0]
+
+    def solve(
+        self,
+        lab_d50: Float64Array,
+        *,
+        start: Float64Array,
+        anchor: Float64Array,
+        pull: Float64Array,
+        metric: Float64Array | None = None,
+        iterations: int = 40,
+    ) -> Float64Array:
+        """Inks (M, N) nearest to absolute Lab (M, 3), drawn to ``anchor`` with weight ``pull``."""
+        colours = np.ascontiguousarray(lab_d50, dtype=np.float64)
+        errors = error_metric(colours, self.settings.hue_weight) if metric is None else metric
+        first = self._feasible(np.array(start, dtype=np.float64))
+        out = np.empty_like(first)
+        model = self.model
+
+        def one(part: slice) -> None:
+            solve_rows(
+                colours[part],
+                errors[part],
+                first[part],
+                anchor[part],
+                pull[part],
+                self.upper,
+                self.settings.total_limit,
+                model.centres,
+                model.weights,
+                model.drift,
+                model.power,
+                iterations,
+                out[part],
+            )
+
+        parts = list(_slices(len(colours)))
+        if self.threads == 1 or len(parts) < 2:
+            for part in parts:
+                one(part)
+        else:
+            with ThreadPoolExecutor(self.threads) as pool:
+                list(pool.map(one, parts))
+        return out
+
+    def _feasible(self, inks: Float64Array) -> Float64Array:
+        clipped = np.clip(inks, 0.0, self.upper)
+        total = clipped.sum(axis=1, keepdims=True)
+        limit = self.settings.total_limit
+        return np.asarray(clipped * np.minimum(1.0, limit / np.maximum(total, limit)), dtype=np.float64)
+
+    def separate(self, lab_d50: Float64Array, shape: tuple[int, int, int] | None = None) -> Float64Array:
+        """Inks for colours, smooth over a grid of colours where ``shape`` says how they neighbour.
+
+        Parameters
+        ----------
+        lab_d50
+            (M, 3) absolute Lab under D50.
+        shape
+            Sizes of the grid that the colours fill in C order, their product M; None solves each alone.
+
+        Returns
+        -------
+        numpy.ndarray
+            (M, N) float64 ink fractions within the limits.
+
+        Raises
+        ------
+        ValueError
+            If the shape of ``lab_d50`` or the grid doesn't fit.
+        """
+        colours = np.asarray(lab_d50, dtype=np.float64)
+        if colours.ndim != 2 or colours.shape[1] != 3:
+            raise ValueError(f"lab_d50 must be (M, 3), but its shape is {colours.shape}")
+        if shape is not None and int(np.prod(shape)) != len(colours):
+            raise ValueError(f"a grid of {shape} does not hold {len(colours)} colours")
+        inks = self.model.inks
+        black = self.settings.black_channel
+        wish = black_wish(colours, self.white_l, float(self.dark_lab[0]), self.settings)
+        depth = np.clip((self.white_l - colours[:, 0]) / (self.white_l - float(self.dark_lab[0])), 0.0, 1.0)
+        first = np.repeat((0.5 * depth)[:, np.newaxis], inks, axis=1)
+        if black is not None:
+            first[:, black] = wish
+        first = self._feasible(first)
+
+        # First with a strong wish, which decides among the many recipes; then the wish weakens until it no
+        # longer costs accuracy, each solution starting from the last.
+        result = first
+        for strength in (30.0, 1.0):
+            anchor, pull = self._wishes(result, wish, black, strength, smooth=0.0)
+            result = self.solve(colours, start=result, anchor=anchor, pull=pull, iterations=25)
+        if shape is not None:
+            for _ in range(2):
+                near = _neighbour_mean(result.reshape(*shape, inks)).reshape(-1, inks)
+                anchor, pull = self._wishes(near, wish, black, 0.3, smooth=0.3)
+                result = self.solve(colours, start=near, anchor=anchor, pull=pull, iterations=25)
+        return result
+
+    def _wishes(
+        self, near: Float64Array, wish: Float64Array, black: int | None, strength: float, smooth: float
+    ) -> tuple[Float64Array, Float64Array]:
+        """Anchors and weights that join the wish for black and agreement with neighbours."""
+        anchor = near.copy()
+        pull = np.full_like(near, max(smooth, 1e-3))
+        if black is not None:
+            weight = pull[:, black] + strength
+            anchor[:, black] = (pull[:, black] * near[:, black] + strength * wish) / weight
+            pull[:, black] = weight
+        return anchor, pull
+
+
+def _slices(count: int) -> Iterator[slice]:
+    for begin in range(0, count, _SLICE_COLOURS):
+        yield slice(begin, min(begin + _SLICE_COLOURS, count))
+
+
+def _neighbour_mean(grid: Float64Array) -> Float64Array:
+    """Mean of the up to six neighbours of every node of a grid (A, B, C, N)."""
+    total = np.zeros_like(grid)
+    count = np.zeros(grid.shape[:3])
+    for axis in range(3):
+        ahead = [slice(None)] * 4
+        behind = [slice(None)] * 4
+        ahead[axis], behind[axis] = slice(1, None), slice(None, -1)
+        total[tuple(behind)] += grid[tuple(ahead)]
+        total[tuple(ahead)] += grid[tuple(behind)]
+        count[tuple(behind[:3])] += 1.0
+        count[tuple(ahead[:3])] += 1.0
+    return np.asarray(total / np.maximum(count, 1.0)[..., np.newaxis], dtype=np.float64)

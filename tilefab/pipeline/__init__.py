@@ -1,0 +1,6 @@
+"""The life of a job: plan, prepare, convert, render, record, resume, report."""
+
+from tilefab.pipeline.plan import Plan, plan_job
+from tilefab.pipeline.run import RunResult, run_job
+
+__all__ = ["Plan", "RunResult", "plan_job", "run_job"]

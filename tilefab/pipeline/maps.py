@@ -1,0 +1,222 @@
+"""The texture map of a job: built once, kept in the run's folder, converted to inks as a whole."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tilefab.colour import PressTransform, limit_total_ink, quantise_inks, srgb_from_xyz, xyz_from_lab
+from tilefab.colour.encoding import LAB16_CHANNELS, LAB16_SPACE, decode_lab16, encode_lab16
+from tilefab.errors import OutputError, SynthesisError, TextureMapError
+from tilefab.io.texture_map_file import SUFFIX, load_texture_map, save_texture_map
+from tilefab.pipeline.plan import Plan
+from tilefab.pipeline.prepare import PreparedSlab, prepare_slab
+from tilefab.pipeline.progress import Progress
+from tilefab.sampling import BuildOptions, TextureMap, build
+from tilefab.synthesis import METHODS, SynthesisRequest
+from tilefab.types import SizeMm, SizePx
+from tilefab.units import px_from_mm, size_px_from_mm
+
+MAPS_FOLDER = "maps"
+RGB_SPACE = "srgb8"
+_DEFAULT_MAP_SCALE = 1.5
+_LARGEST_DEFAULT_MAP_PX = 4096
+_SMALLEST_MAP_PX = 16
+_STRIP_ROWS = 256
+_KEY_DIGITS = 16
+_BLACK_CHANNEL = 3
+
+
+@dataclass(frozen=True, eq=False)
+class JobMaps:
+    """The maps of a job.
+
+    Attributes
+    ----------
+    texture
+        In the working space (`tilefab.colour.encoding`).
+    press
+        The same in inks: what faces are rendered from.
+    """
+
+    texture: TextureMap
+    press: TextureMap
+
+
+def job_maps(plan: Plan, progress: Progress, threads: int | None = None) -> JobMaps:
+    """Texture map and press map of a job, from the run's folder if they are there, else made and kept there.
+
+    A folder that can't be written to is no error here: the maps are then made in memory, with a note.
+
+    Raises
+    ------
+    ImageError, ProfileError, SynthesisError
+        If the map can't be made.
+    """
+    texture = texture_map(plan, progress, threads)
+    path = plan.output / MAPS_FOLDER / f"{plan.map_key[:_KEY_DIGITS]}-{plan.press_key[:_KEY_DIGITS]}.press{SUFFIX}"
+    press = _load(path, "press_key", f"{plan.press_key} {texture.hash}", progress)
+    if press is None:
+        press = convert_map(plan, texture, progress, threads)
+        _save(path, press, progress)
+    return JobMaps(texture, press)
+
+
+def texture_map(plan: Plan, progress: Progress, threads: int | None = None) -> TextureMap:
+    """Texture map of a job; see `job_maps`."""
+    path = texture_map_path(plan)
+    texture = _load(path, "map_key", plan.map_key, progress)
+    if texture is None:
+        texture = build_map(plan, progress, threads)
+        _save(path, texture, progress)
+    return texture
+
+
+def texture_map_path(plan: Plan) -> Path:
+    """Where a job's texture map is kept."""
+    return plan.output / MAPS_FOLDER / f"{plan.map_key[:_KEY_DIGITS]}.texture{SUFFIX}"
+
+
+def build_map(plan: Plan, progress: Progress, threads: int | None = None) -> TextureMap:
+    """Prepare the slab and build its texture map.
+
+    Raises
+    ------
+    ImageError, ProfileError
+        If the scans can't be used.
+    SynthesisError
+        If no tile can be grown from them.
+    """
+    slab = prepare_slab(plan, progress)
+    stored = encode_lab16(slab.lab_d50)
+    # From here on the stored numbers count, so that a map can be rebuilt from its own base.
+    lab = decode_lab16(stored)
+    texture = plan.job.texture
+    size, notes = _map_size(plan, slab)
+    feature_px = px_from_mm(texture.feature_mm, plan.job.tile.dpi) if texture.feature_mm else None
+    request = SynthesisRequest(lab, slab.valid, size, plan.seed, feature_px)
+    stage = "Growing the tile"
+    try:
+        grown = METHODS[texture.method](request, lambda share: progress.stage(stage, share))
+    except ValueError as error:
+        raise SynthesisError(
+            f"no tile can be grown from this slab at {plan.job.tile.dpi:g} dpi: {error}; use a larger scan, "
+            "or check dpi"
+        ) from error
+    progress.stage(stage, 1.0)
+    warnings = [*slab.warnings, *notes]
+    provenance = {
+        "map_key": plan.map_key,
+        "method": texture.method,
+        "tile_worst_seam_delta_e": f"{grown.worst_seam_delta_e:.2f}",
+        "tile_mean_seam_delta_e": f"{grown.mean_seam_delta_e:.2f}",
+        "patches_wanted": str(texture.patches),
+        "preparation": json.dumps(slab.log, ensure_ascii=False),
+        "warnings": json.dumps(warnings, ensure_ascii=False),
+    }
+    stage_cuts = "Cutting patches"
+    built = build(
+        lab,
+        slab.valid,
+        grown.source,
+        BuildOptions(texture.patches, texture.active_per_cell, plan.seed, threads),
+        stored=stored,
+        space=LAB16_SPACE,
+        channels=LAB16_CHANNELS,
+        dpi=plan.job.tile.dpi,
+        slabs=slab.slabs,
+        provenance=provenance,
+        progress=lambda share: progress.stage(stage_cuts, share),
+    )
+    progress.stage(stage_cuts, 1.0)
+    return built
+
+
+def _map_size(plan: Plan, slab: PreparedSlab) -> tuple[SizePx, list[str]]:
+    dpi = plan.job.tile.dpi
+    if plan.job.texture.map_size_mm is not None:
+        width, height = plan.job.texture.map_size_mm
+        size = size_px_from_mm(SizeMm(width, height), dpi)
+        if min(size.rows, size.cols) < _SMALLEST_MAP_PX or max(size.rows, size.cols) > 1 << 15:
+            raise SynthesisError(
+                f"map_size_mm {width:g} x {height:g} is {size.cols} x {size.rows} pixels at {dpi:g} dpi; a map has "
+                f"{_SMALLEST_MAP_PX} to 32,768 pixels a side"
+            )
+    else:
+        size = SizePx(
+            *(
+                min(_LARGEST_DEFAULT_MAP_PX, max(_SMALLEST_MAP_PX, round(_DEFAULT_MAP_SCALE * n)))
+                for n in slab.valid.shape
+            )
+        )
+    notes = []
+    usable = int(np.count_nonzero(slab.valid))
+    if usable < plan.tile_px.rows * plan.tile_px.cols:
+        share = usable / (plan.tile_px.rows * plan.tile_px.cols)
+        notes.append(
+            f"The stone scanned is {share:.2f} times as large as a tile: its features recur within each face. "
+            "Scan more of it"
+        )
+    return size, notes
+
+
+def convert_map(plan: Plan, texture: TextureMap, progress: Progress, threads: int | None = None) -> TextureMap:
+    """Convert a texture map to the inks of the job's press, total ink never above the job's limit."""
+    stage = "Converting to inks"
+    colour = plan.job.colour
+    transform = PressTransform(plan.press_profile.data, colour.intent, plan.press_profile.channels)
+    dtype = np.uint8 if plan.job.output.bits == 8 else np.uint16
+    base = np.empty((*texture.base.shape[:2], plan.press_profile.channels), dtype=dtype)
+    workers = threads or os.cpu_count() or 1
+    for top in range(0, len(base), _STRIP_ROWS):
+        progress.stage(stage, top / len(base))
+        lab = decode_lab16(texture.base[top : top + _STRIP_ROWS])
+        inks = transform.inks_from_lab(lab, threads=workers)
+        inks = limit_total_ink(inks, colour.ink_limit_percent, _BLACK_CHANNEL)
+        base[top : top + _STRIP_ROWS] = quantise_inks(inks, dtype, colour.ink_limit_percent)
+    progress.stage(stage, 1.0)
+    return texture.with_base(
+        base,
+        space=f"ink{plan.job.output.bits}",
+        channels=plan.ink_names,
+        press_key=f"{plan.press_key} {texture.hash}",
+        press_profile=plan.press_profile.sha256,
+    )
+
+
+def proof_map(plan: Plan, press: TextureMap, threads: int | None = None) -> TextureMap:
+    """Return the press map as it will look fired, in 8-bit sRGB: the profile backwards, absolute colorimetric.
+
+    Proofs are rendered from it, so a proof shows the same pixels of the stone as the face.
+    """
+    transform = PressTransform(plan.press_profile.data, "absolute", plan.press_profile.channels)
+    full = float(np.iinfo(press.base.dtype).max)
+    base = np.empty((*press.base.shape[:2], 3), dtype=np.uint8)
+    for top in range(0, len(base), _STRIP_ROWS):
+        inks = press.base[top : top + _STRIP_ROWS].astype(np.float32) / np.float32(full)
+        lab = transform.lab_from_inks(inks, intent="absolute", threads=threads or os.cpu_count() or 1)
+        rgb = srgb_from_xyz(xyz_from_lab(lab))
+        base[top : top + _STRIP_ROWS] = np.rint(np.clip(rgb, 0, 1) * 255)
+    return press.with_base(base, space=RGB_SPACE, channels=("R", "G", "B"))
+
+
+def _load(path: Path, key: str, expected: str, progress: Progress) -> TextureMap | None:
+    if not path.exists():
+        return None
+    try:
+        loaded = load_texture_map(path)
+    except TextureMapError as error:
+        progress.note(f"{error.message}. It is made anew")
+        return None
+    return loaded if loaded.provenance.get(key) == expected else None
+
+
+def _save(path: Path, texture: TextureMap, progress: Progress) -> None:
+    try:
+        save_texture_map(path, texture)
+    except OutputError as error:
+        progress.note(f"The map was not kept: {error.message}")

@@ -1,0 +1,302 @@
+"""Planning a job: everything its file names is found and checked before any work is done."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.resources
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from tilefab.config import Job, JobFile
+from tilefab.errors import ConfigError, ImageError, Problem, ProfileError
+from tilefab.io.icc import IccProfile, read_icc_profile, require_press_profile
+from tilefab.io.scans import ScanFacts, scan_facts
+from tilefab.sampling import FORMAT_VERSION, PlaneLayout
+from tilefab.types import SizeMm, SizePx
+from tilefab.units import px_from_mm, size_px_from_mm
+
+PREPARATION_VERSION = 1
+"""Raised whenever the same scans and settings would be prepared into another map."""
+
+CONVERSION_VERSION = 1
+"""Raised whenever the same map and profile would be converted into other inks."""
+
+PACKAGE_SCHEME = "package:"
+
+
+@dataclass(frozen=True)
+class SlabScan:
+    """A scan and the mask that goes with it."""
+
+    path: Path
+    mask: Path | None
+    facts: ScanFacts
+    dpi: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A job whose every file was found and checked.
+
+    Attributes
+    ----------
+    job_file
+        The job file as read.
+    scans
+        Its scans.
+    input_profile
+        The scanner's profile named by the job.
+    press_profile
+        The press's.
+    output
+        The run's folder.
+    map_key
+        Hash of all that the texture map depends on.
+    press_key
+        Hash of all that the map in inks depends on, but for the map.
+    job_hash
+        Hash of all that decides the pixels of a face of given index.
+    """
+
+    job_file: JobFile
+    scans: tuple[SlabScan, ...]
+    input_profile: IccProfile | None
+    press_profile: IccProfile
+    output: Path
+    map_key: str
+    press_key: str
+    job_hash: str
+
+    @property
+    def job(self) -> Job:
+        """What the job file says."""
+        return self.job_file.job
+
+    @property
+    def name(self) -> str:
+        """The job's name, or that of its file."""
+        return self.job.job.name or self.job_file.path.stem
+
+    @property
+    def seed(self) -> int:
+        """The job seed."""
+        return self.job.texture.seed
+
+    @property
+    def tile_mm(self) -> SizeMm:
+        """Finished size of a tile."""
+        width, height = self.job.tile.size_mm
+        return SizeMm(width, height)
+
+    @property
+    def tile_px(self) -> SizePx:
+        """Finished size of a tile in print pixels."""
+        return size_px_from_mm(self.tile_mm, self.job.tile.dpi)
+
+    @property
+    def bleed_px(self) -> int:
+        """Bleed in print pixels."""
+        return px_from_mm(self.job.tile.bleed_mm, self.job.tile.dpi)
+
+    @property
+    def ink_names(self) -> tuple[str, ...]:
+        """Name of each ink."""
+        return tuple(self.job.colour.ink_names or self.press_profile.ink_names)
+
+    def layout(self, tile_shape: tuple[int, int]) -> PlaneLayout:
+        """Where the faces lie on a plane whose repeatable tile has this shape."""
+        return PlaneLayout(
+            kind=self.job.tile.layout,
+            seed=self.seed,
+            face_rows=self.tile_px.rows,
+            face_cols=self.tile_px.cols,
+            bleed_px=self.bleed_px,
+            tile_rows=tile_shape[0],
+            tile_cols=tile_shape[1],
+            columns=self.job.tile.columns or 1,
+        )
+
+
+def shipped_profiles() -> Path:
+    """Folder of the press profiles that come with tilefab."""
+    package = Path(str(importlib.resources.files("tilefab")))
+    installed = package / "shipped_profiles"
+    return installed if installed.is_dir() else package.parent / "profiles"
+
+
+def plan_job(job_file: JobFile, output: Path | None = None) -> Plan:
+    """Find and check every file a job names.
+
+    Parameters
+    ----------
+    job_file
+        The job as read.
+    output
+        Folder to use instead of the job's own.
+
+    Raises
+    ------
+    ConfigError
+        If a file is missing or a setting doesn't fit what is in it; carries all problems.
+    ProfileError, ImageError
+        If the only problem is a profile or an image that can't be used.
+    """
+    return _Planner(job_file).plan(output)
+
+
+class _Planner:
+    def __init__(self, job_file: JobFile) -> None:
+        self.file, self.job = job_file, job_file.job
+        self.problems: list[Problem] = []
+        self.causes: list[ProfileError | ImageError] = []
+
+    def plan(self, output: Path | None) -> Plan:
+        job = self.job
+        scans = self._scans()
+        input_profile = self._input_profile()
+        press_profile = self._press_profile()
+        if len(self.problems) == 1 and len(self.causes) == 1:
+            cause = self.causes[0]
+            raise type(cause)(str(self.problems[0]), path=cause.path) from cause
+        if self.problems or press_profile is None:
+            raise ConfigError(self.problems)
+        texture = job.texture.model_dump()
+        slab = job.slab.model_dump(exclude={"scans", "masks", "input_profile"})
+        map_facts = {
+            "format": FORMAT_VERSION,
+            "preparation": PREPARATION_VERSION,
+            "scans": [[_file_hash(s.path), _file_hash(s.mask) if s.mask else "", s.dpi] for s in scans],
+            "input_profile": input_profile.sha256 if input_profile else "",
+            "slab": slab,
+            "texture": texture,
+            "dpi": job.tile.dpi,
+        }
+        press_facts = {
+            "conversion": CONVERSION_VERSION,
+            "profile": press_profile.sha256,
+            "intent": job.colour.intent,
+            "limit": job.colour.ink_limit_percent,
+            "bits": job.output.bits,
+        }
+        face_facts = {
+            "size_mm": job.tile.size_mm,
+            "bleed_mm": job.tile.bleed_mm,
+            "layout": job.tile.layout,
+            "columns": job.tile.columns,
+        }
+        folder = output if output is not None else self._from_job(job.output.directory)
+        return Plan(
+            job_file=self.file,
+            scans=scans,
+            input_profile=input_profile,
+            press_profile=press_profile,
+            output=Path(folder).absolute(),
+            map_key=_hash_of(map_facts),
+            press_key=_hash_of(press_facts),
+            job_hash=_hash_of([map_facts, press_facts, face_facts]),
+        )
+
+    def _scans(self) -> tuple[SlabScan, ...]:
+        slab = self.job.slab
+        scans = []
+        masks = slab.masks or [""] * len(slab.scans)
+        for name, mask_name in zip(slab.scans, masks, strict=True):
+            path = self._find(name, "scans")
+            mask = self._find(mask_name, "masks") if mask_name else None
+            if path is None or (mask_name and mask is None):
+                continue
+            try:
+                facts = scan_facts(path)
+            except ImageError as error:
+                self._add("scans", error)
+                continue
+            dpi = slab.dpi if slab.dpi is not None else facts.dpi
+            if dpi is None:
+                message = f"{path} doesn't state its resolution; say it with dpi = ... in [slab]"
+                self.problems.append(self.file.problem("slab", "scans", message))
+                continue
+            scans.append(SlabScan(path, mask, facts, dpi))
+        return tuple(scans)
+
+    def _input_profile(self) -> IccProfile | None:
+        name = self.job.slab.input_profile
+        path = self._find(name, "input_profile") if name else None
+        if path is None:
+            return None
+        try:
+            profile = read_icc_profile(path)
+            if profile.device_class not in ("scnr", "mntr", "spac", "prtr"):
+                raise ProfileError(
+                    f"{path}: a profile of class {profile.device_class} doesn't describe a scanner; give the "
+                    "scanner's input profile",
+                    path=str(path),
+                )
+        except ProfileError as error:
+            self._add("input_profile", error)
+            return None
+        return profile
+
+    def _press_profile(self) -> IccProfile | None:
+        path = self._find(self.job.colour.press_profile, "press_profile", section="colour")
+        if path is None:
+            return None
+        try:
+            profile = require_press_profile(read_icc_profile(path))
+            if profile.channels != 4:
+                raise ProfileError(
+                    f"{path}: a profile for {profile.channels} inks; faces are printed with four: give a CMYK profile",
+                    path=str(path),
+                )
+        except ProfileError as error:
+            self._add("press_profile", error, section="colour")
+            return None
+        names = self.job.colour.ink_names
+        if names is not None and len(names) != profile.channels:
+            message = f"{len(names)} names for the {profile.channels} inks of {path.name}"
+            self.problems.append(self.file.problem("colour", "ink_names", message))
+        return profile
+
+    def _add(self, key: str, error: ProfileError | ImageError, section: str = "slab") -> None:
+        self.problems.append(self.file.problem(section, key, error.message))
+        self.causes.append(error)
+
+    def _from_job(self, name: str) -> Path:
+        return self.file.path.absolute().parent / Path(name).expanduser()
+
+    def _find(self, name: str, key: str, section: str = "slab") -> Path | None:
+        """Find a file named by the job: beside the job file, in the current folder, or shipped with tilefab."""
+        if name.startswith(PACKAGE_SCHEME):
+            path = _in_package(name.removeprefix(PACKAGE_SCHEME))
+            if path is None:
+                message = f"{name}: no installed package holds this file; write package:NAME/FOLDER/FILE"
+                self.problems.append(self.file.problem(section, key, message))
+            return path
+        tried = [self._from_job(name), Path(name).expanduser().absolute()]
+        if key == "press_profile":
+            tried.append(shipped_profiles() / name)
+        for path in tried:
+            if path.is_file():
+                return path.resolve()
+        places = " nor ".join(dict.fromkeys(str(path) for path in tried))
+        self.problems.append(self.file.problem(section, key, f"there is no file {places}"))
+        return None
+
+
+def _in_package(name: str) -> Path | None:
+    package, _, inside = name.partition("/")
+    try:
+        path = Path(str(importlib.resources.files(package))) / inside
+    except (ImportError, TypeError, ValueError):
+        return None
+    return path if inside and path.is_file() else None
+
+
+def _file_hash(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _hash_of(facts: object) -> str:
+    text = json.dumps(facts, sort_keys=True, ensure_ascii=False, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()

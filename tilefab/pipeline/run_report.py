@@ -1,0 +1,282 @@
+"""Gathering what the report shows: from the manifest, the maps and the profile to frozen view models."""
+
+from __future__ import annotations
+
+import json
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+import tilefab
+from tilefab.errors import OutputError
+from tilefab.io.atomic import atomic_write_bytes
+from tilefab.io.manifest import FaceRecord, Manifest
+from tilefab.pipeline.colour_facts import colour_facts
+from tilefab.pipeline.faces import face_code, render_face
+from tilefab.pipeline.maps import JobMaps, job_maps, proof_map
+from tilefab.pipeline.plan import Plan
+from tilefab.pipeline.progress import Progress
+from tilefab.pipeline.wall import reduce_rgb, render_wall
+from tilefab.report import (
+    ColourView,
+    FaceView,
+    HistogramView,
+    RunReportView,
+    TextureMapView,
+    build_run_report,
+    contact_faces,
+)
+from tilefab.sampling import TextureMap
+from tilefab.units import mm_from_px
+
+STAGE = "Drawing the report"
+_WALL_PX = 1400
+_THUMBNAIL_PX = 360
+_PICTURE_PX = 900
+_WALL_FACES = 12
+_OUT_OF_GAMUT_WARNING = 0.10
+_LIMITED_WARNING = 0.02
+_DELTA_E_WARNING = 3.0
+
+
+def write_report(
+    plan: Plan,
+    progress: Progress,
+    *,
+    created: datetime,
+    path: Path | None = None,
+    threads: int | None = None,
+) -> Path:
+    """Draw the PDF of a run from what its folder holds.
+
+    Parameters
+    ----------
+    plan
+        The job.
+    progress
+        Told of the progress.
+    created
+        Date and time that the report shows.
+    path
+        The file; by default what the job says.
+    threads
+        For rendering.
+
+    Raises
+    ------
+    OutputError
+        If the run has no faces yet, its folder is another job's, or the file can't be written.
+    ReportError
+        If it can't be drawn.
+    """
+    manifest = Manifest(plan.output)
+    records = [manifest.records[index] for index in sorted(manifest.records)]
+    if not records:
+        raise OutputError(
+            f"{plan.output}: holds no finished faces to report on; run `tilefab run {plan.job_file.path}` first",
+            path=str(plan.output),
+        )
+    if {record.job for record in records} != {plan.job_hash}:
+        raise OutputError(
+            f"{plan.output}: holds the faces of another job, or of this job with other settings; give its own folder "
+            "with --out DIR",
+            path=str(plan.output),
+        )
+    if path is None:
+        path = plan.output / (plan.job.report.pdf or "report.pdf")
+    maps = job_maps(plan, progress, threads)
+    progress.stage(STAGE, 0.0)
+    view = report_view(plan, maps, records, progress, created=created, threads=threads)
+    atomic_write_bytes(path, build_run_report(view))
+    progress.stage(STAGE, 1.0)
+    return path
+
+
+def report_view(
+    plan: Plan,
+    maps: JobMaps,
+    records: list[FaceRecord],
+    progress: Progress,
+    *,
+    created: datetime,
+    threads: int | None = None,
+) -> RunReportView:
+    """Everything the report shows, as frozen figures, texts and pictures."""
+    proof = proof_map(plan, maps.press, threads)
+    colour = colour_facts(plan, maps, [record.face for record in records])
+    progress.stage(STAGE, 0.2)
+    shown = set(contact_faces(len(records), plan.job.report.faces))
+    faces = []
+    for position, record in enumerate(records):
+        thumbnail = None
+        if position in shown:
+            thumbnail = _fit(render_face(plan, proof, record.face, threads=threads, bleed=False), _THUMBNAIL_PX)
+            progress.stage(STAGE, 0.2 + 0.4 * position / len(records))
+        faces.append(
+            FaceView(
+                index=record.face,
+                code=face_code(plan, maps.press, record.face),
+                thumbnail=thumbnail,
+                file_name=record.file,
+                origin=f"row {record.origin[0]}, column {record.origin[1]}",
+                sha256=record.sha256,
+            )
+        )
+    rows, cols, caption = _wall_shape(plan, len(records))
+    wall = render_wall(
+        plan,
+        proof,
+        rows,
+        cols,
+        first=records[0].face,
+        largest_side_px=_WALL_PX,
+        threads=threads,
+        progress=lambda share: progress.stage(STAGE, 0.6 + 0.3 * share),
+    )
+    return RunReportView(
+        title=plan.name,
+        job_file=plan.job_file.path.name,
+        job_hash=plan.job_hash,
+        map_hash=maps.texture.hash,
+        profile_hash=plan.press_profile.sha256,
+        created=created.strftime("%Y-%m-%d %H:%M"),
+        software_version=tilefab.__version__,
+        facts=_job_facts(plan, records),
+        wall_preview=wall,
+        wall_caption=caption,
+        faces=tuple(faces),
+        colour=colour,
+        texture_map=_map_view(maps.texture, proof),
+        preparation=tuple((str(step), str(text)) for step, text in _listed(maps.texture, "preparation")),
+        warnings=job_warnings(maps.texture, colour),
+        max_contact_faces=plan.job.report.faces,
+    )
+
+
+def job_warnings(texture: TextureMap, colour: ColourView | None = None) -> tuple[str, ...]:
+    """What the operator should know before printing."""
+    warnings = [str(text) for text in _listed(texture, "warnings")]
+    patches = len(texture.patches)
+    wanted = int(texture.provenance.get("patches_wanted", patches))
+    if patches < wanted / 2:
+        warnings.append(
+            f"Only {patches} of {wanted} interchangeable patches could be cut: the pattern of the tile will recur. "
+            "Scan more of the stone, or use a larger map"
+        )
+    if colour is not None:
+        if colour.out_of_gamut_share > _OUT_OF_GAMUT_WARNING:
+            warnings.append(
+                f"{100 * colour.out_of_gamut_share:.0f} % of the stone is more colourful, paler or darker than this press "
+                "can print; the nearest printable colours are used"
+            )
+        if colour.share_limited > _LIMITED_WARNING:
+            warnings.append(
+                f"{100 * colour.share_limited:.1f} % of the stone was reduced to the ink limit of "
+                f"{colour.ink_limit_percent:g} %: dark areas may change in colour"
+            )
+        if colour.delta_e_mean > _DELTA_E_WARNING:
+            warnings.append(
+                f"The print differs from the stone by a mean CIEDE2000 of {colour.delta_e_mean:.1f}; a relative intent, or "
+                "another press profile, may come nearer"
+            )
+    return tuple(warnings)
+
+
+def _listed(texture: TextureMap, name: str) -> list[list[str]]:
+    listed: list[list[str]] = json.loads(texture.provenance.get(name, "[]"))
+    return listed
+
+
+def _job_facts(plan: Plan, records: list[FaceRecord]) -> tuple[tuple[str, str], ...]:
+    job, tile = plan.job, plan.tile_px
+    bleed = f", bleed {job.tile.bleed_mm:g} mm" if job.tile.bleed_mm else ""
+    first, last = records[0].face, records[-1].face
+    layout = job.tile.layout + (f", {job.tile.columns} columns" if job.tile.columns else "")
+    return (
+        ("Tile", f"{plan.tile_mm.width:g} x {plan.tile_mm.height:g} mm{bleed}"),
+        ("Resolution", f"{job.tile.dpi:g} dpi, {tile.cols} x {tile.rows} pixels, {job.output.bits} bit"),
+        ("Faces", f"{len(records)} of {job.tile.count} finished (numbers {first} to {last})"),
+        ("Layout", layout),
+        ("Stone", ", ".join(scan.path.name for scan in plan.scans)),
+        ("Seed", str(plan.seed)),
+        ("Press", plan.press_profile.description),
+        ("Inks", ", ".join(plan.ink_names)),
+    )
+
+
+def _wall_shape(plan: Plan, count: int) -> tuple[int, int, str]:
+    columns = plan.job.tile.columns
+    if columns is not None:
+        cols = min(columns, 6)
+        rows = max(1, min(3, -(-count // columns)))
+        return rows, cols, f"The wall's first {rows} x {cols} tiles; the pattern runs on across the joints."
+    shown = min(count, _WALL_FACES)
+    cols = next(n for n in (4, 3, 2, 1) if shown >= n)
+    return shown // cols, cols, f"{shown // cols * cols} tiles as they come out of the box, fired colours."
+
+
+def _fit(rgb: NDArray[np.uint8], side_px: int) -> NDArray[np.uint8]:
+    return reduce_rgb(rgb, max(1, -(-max(rgb.shape[:2]) // side_px)))
+
+
+def _map_view(texture: TextureMap, proof: TextureMap) -> TextureMapView:
+    patches = texture.patches
+    rows, cols = texture.tile_shape
+    area = patches.area_px
+    slab_px = sum(slab.rows * slab.cols for slab in texture.slabs)
+    facts = [
+        (
+            "Repeatable tile",
+            f"{cols} x {rows} pixels, {mm_from_px(cols, texture.dpi):.0f} x {mm_from_px(rows, texture.dpi):.0f} mm",
+        ),
+        ("Slab", f"{len(texture.slabs)} scan{'s' if len(texture.slabs) > 1 else ''}, {slab_px / 1e6:.2f} megapixels"),
+        ("Method", texture.provenance.get("method", "unknown")),
+        (
+            "Seams of the tile",
+            f"mean CIE76 {texture.provenance.get('tile_mean_seam_delta_e', '-')}, "
+            f"worst {texture.provenance.get('tile_worst_seam_delta_e', '-')}",
+        ),
+        ("Patches", f"{patches.count_a} in set A, {len(patches) - patches.count_a} in set B"),
+    ]
+    if len(patches):
+        facts += [
+            ("Patch size", f"{int(area.min())} to {int(area.max())} pixels, median {int(np.median(area))}"),
+            (
+                "Patch seams",
+                f"mean CIE76 {float(patches.mean_delta_e.mean()):.1f}, "
+                f"worst of all {float(patches.worst_delta_e.max()):.1f}",
+            ),
+        ]
+    facts.append(("Hash", texture.hash))
+    exemplar = proof.base
+    return TextureMapView(
+        tile=_fit(proof.tile, _PICTURE_PX),
+        patch_outlines=_fit(_outlined(texture, proof), _PICTURE_PX),
+        exemplar=_fit(np.ascontiguousarray(exemplar), _PICTURE_PX),
+        facts=tuple(facts),
+        patch_cost=_histogram(patches.worst_delta_e.astype(np.float64)),
+        patch_size=_histogram(np.sqrt(area.astype(np.float64))),
+    )
+
+
+def _outlined(texture: TextureMap, proof: TextureMap) -> NDArray[np.uint8]:
+    """Draw the outlines of the patches on a paled tile: white for set A, black for B."""
+    rows, cols = texture.tile_shape
+    picture = (proof.tile // 2 + 64).astype(np.uint8)
+    for index in range(len(texture.patches)):
+        mask = np.pad(texture.patches.mask(index), 1)
+        edge = np.argwhere(mask & ~ndimage.binary_erosion(mask)) - 1
+        at_row = (edge[:, 0] + int(texture.patches.cell_row[index])) % rows
+        at_col = (edge[:, 1] + int(texture.patches.cell_col[index])) % cols
+        picture[at_row, at_col] = 255 if index < texture.patches.count_a else 0
+    return picture
+
+
+def _histogram(values: NDArray[np.float64]) -> HistogramView:
+    if values.size == 0:
+        return HistogramView(np.zeros(0), np.zeros(0))
+    counts, edges = np.histogram(values, bins=24)
+    return HistogramView(edges, counts)

@@ -1,0 +1,37 @@
+"""Cleaning the scan of a stone slab, one pure step at a time.
+
+Each step takes an image, its mask and options, and returns a new image, a new mask and a record of what it
+did, in numbers and one sentence: `square_slab` makes a skewed scan upright, `estimate_lighting` and
+`remove_lighting` even out the scanner's light, `resample` brings it to the printer's resolution,
+`match_slabs` gives several slabs one colour, and `build_atlas` lays them into one base image. Geometry and
+lighting work in linear XYZ D50, matching and the atlas in CIELAB D50; a step that finds nothing it can rely
+on does nothing and says why.
+"""
+
+from tilefab.slab.atlas import AtlasRecord, SlabPlacement, build_atlas, locate
+from tilefab.slab.lighting import LightingModel, LightingRecord, estimate_lighting, remove_lighting
+from tilefab.slab.match import MatchOptions, MatchRecord, SlabColour, match_slabs, slab_colour
+from tilefab.slab.resampling import ResampleRecord, resample, resampled_size
+from tilefab.slab.squaring import SquaringOptions, SquaringRecord, square_slab
+
+__all__ = [
+    "AtlasRecord",
+    "LightingModel",
+    "LightingRecord",
+    "MatchOptions",
+    "MatchRecord",
+    "ResampleRecord",
+    "SlabColour",
+    "SlabPlacement",
+    "SquaringOptions",
+    "SquaringRecord",
+    "build_atlas",
+    "estimate_lighting",
+    "locate",
+    "match_slabs",
+    "remove_lighting",
+    "resample",
+    "resampled_size",
+    "slab_colour",
+    "square_slab",
+]
