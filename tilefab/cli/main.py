@@ -115,7 +115,7 @@ def run(
     with Bars() as bars:
         result = run_job(plan, indices, bars, threads=threads, verify=verify)
         if plan.job.report.pdf is not False:
-            report = write_report(plan, bars, created=datetime.now(), threads=threads)  # noqa: DTZ005
+            report = write_report(plan, bars, created=datetime.now(), threads=threads)
         warnings = job_warnings(texture_map(plan, bars, threads))
     facts = {**dataclasses.asdict(result), "output": str(result.output), "report": str(report) if report else None}
     if as_json:
@@ -244,7 +244,7 @@ def report(
     """Draw the PDF report of a run anew."""
     plan = _plan(job, out)
     with Bars() as bars:
-        path = write_report(plan, bars, created=datetime.now(), path=output, threads=threads)  # noqa: DTZ005
+        path = write_report(plan, bars, created=datetime.now(), path=output, threads=threads)
     if as_json:
         _print_json({"report": str(path)})
     else:

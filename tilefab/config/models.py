@@ -47,7 +47,8 @@ class Slab(Section):
     )
     input_profile: str | None = Field(
         None,
-        description="ICC profile of the scanner; overrides one embedded in the scans. Without any: sRGB, or linear sRGB for float images.",
+        description="ICC profile of the scanner; overrides one embedded in the scans. "
+        "Without any: sRGB, or linear sRGB for float images.",
     )
     masks: list[str] | None = Field(
         None,

@@ -1,8 +1,8 @@
-"""The texture-map file: one file, versioned, checked, and ready to be mapped into memory.
+r"""The texture-map file: one file, versioned, checked, and ready to be mapped into memory.
 
 Layout, all numbers little-endian::
 
-    bytes 0-11    b"tilefab map\\n"
+    bytes 0-11    b"tilefab map\n"
     bytes 12-15   uint32: version of this layout and of what a map means
     bytes 16-23   uint64: length of the header in bytes
     then          header: JSON (UTF-8) with the facts, a table of arrays, and the map's hash
@@ -137,7 +137,8 @@ def _array(path: Path, data: Array, start: int, entry: dict[str, Any]) -> Array:
     begin = start + int(entry["offset"])
     if begin + count * dtype.itemsize > data.size:
         raise _error(path, "truncated: it is shorter than its header says; build the map again")
-    return data[begin : begin + count * dtype.itemsize].view(dtype).view(np.ndarray).reshape(shape)
+    raw: Array = data[begin : begin + count * dtype.itemsize]
+    return np.asarray(raw.view(dtype)).reshape(shape)
 
 
 def _assemble(header: dict[str, Any], arrays: dict[str, Array]) -> TextureMap:

@@ -135,7 +135,8 @@ def _gamut(transform: PressTransform, inks: int, limit_percent: float, intent: I
     axes = np.meshgrid(*[np.linspace(0, 1, _GRID)] * inks, indexing="ij")
     grid = np.stack([axis.ravel() for axis in axes], axis=1)
     grid = grid[grid.sum(axis=1) <= limit_percent / 100 + 1e-9]
-    return transform.lab_from_inks(grid[None].astype(np.float32), intent=intent)[0].astype(np.float64)
+    lab: NDArray[np.float64] = transform.lab_from_inks(grid[None].astype(np.float32), intent=intent)[0].astype(float)
+    return lab
 
 
 def _hull(points: NDArray[np.float64]) -> NDArray[np.float64]:

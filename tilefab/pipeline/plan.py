@@ -191,7 +191,7 @@ class _Planner:
             scans=scans,
             input_profile=input_profile,
             press_profile=press_profile,
-            output=Path(folder).absolute(),
+            output=Path(folder).resolve(),
             map_key=_hash_of(map_facts),
             press_key=_hash_of(press_facts),
             job_hash=_hash_of([map_facts, press_facts, face_facts]),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -169,8 +170,8 @@ def job_warnings(texture: TextureMap, colour: ColourView | None = None) -> tuple
     if colour is not None:
         if colour.out_of_gamut_share > _OUT_OF_GAMUT_WARNING:
             warnings.append(
-                f"{100 * colour.out_of_gamut_share:.0f} % of the stone is more colourful, paler or darker than this press "
-                "can print; the nearest printable colours are used"
+                f"{100 * colour.out_of_gamut_share:.0f} % of the stone is more colourful, paler or darker than this "
+                "press can print; the nearest printable colours are used"
             )
         if colour.share_limited > _LIMITED_WARNING:
             warnings.append(
@@ -179,14 +180,14 @@ def job_warnings(texture: TextureMap, colour: ColourView | None = None) -> tuple
             )
         if colour.delta_e_mean > _DELTA_E_WARNING:
             warnings.append(
-                f"The print differs from the stone by a mean CIEDE2000 of {colour.delta_e_mean:.1f}; a relative intent, or "
-                "another press profile, may come nearer"
+                f"The print differs from the stone by a mean CIEDE2000 of {colour.delta_e_mean:.1f}; a relative intent, "
+                "or another press profile, may come nearer"
             )
     return tuple(warnings)
 
 
-def _listed(texture: TextureMap, name: str) -> list[list[str]]:
-    listed: list[list[str]] = json.loads(texture.provenance.get(name, "[]"))
+def _listed(texture: TextureMap, name: str) -> list[Any]:
+    listed: list[Any] = json.loads(texture.provenance.get(name, "[]"))
     return listed
 
 

@@ -60,9 +60,7 @@ def build_run_report(view: RunReportView, *, compress: bool = True) -> bytes:
         *log_pages(view.preparation, view.warnings),
     ]
     file = io.BytesIO()
-    canvas = PdfCanvas(
-        file, pagesize=(PAGE_WIDTH, PAGE_HEIGHT), pageCompression=int(compress), invariant=1, lang="en"
-    )
+    canvas = PdfCanvas(file, pagesize=(PAGE_WIDTH, PAGE_HEIGHT), pageCompression=int(compress), invariant=1, lang="en")
     canvas.setTitle(clean(view.title))
     canvas.setAuthor("tilefab")
     canvas.setSubject(clean(f"Run report, job {view.job_hash}"))

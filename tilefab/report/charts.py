@@ -87,9 +87,7 @@ def _widened(low: float, high: float) -> tuple[float, float]:
     return low - pad, high + pad
 
 
-def draw_grid(
-    canvas: Canvas, axes: Axes, x_label: str, y_label: str, *, x_most: int = 6, y_most: int = 6
-) -> None:
+def draw_grid(canvas: Canvas, axes: Axes, x_label: str, y_label: str, *, x_most: int = 6, y_most: int = 6) -> None:
     """Draw an axes' white ground, grid lines, tick labels, frame and the names of both axes."""
     canvas.setFillColor(WHITE)
     canvas.rect(axes.x, axes.bottom, axes.width, axes.height, stroke=0, fill=1)
@@ -197,9 +195,7 @@ def _draw_no_data(canvas: Canvas, x: float, bottom: float, width: float, height:
     draw_text(canvas, "no data", x, bottom + height / 2 + 5, width, SMALL_MUTED, align="centre")
 
 
-def draw_gamut_ab(
-    canvas: Canvas, colour: ColourView, x: float, top: float, width: float, height: float
-) -> None:
+def draw_gamut_ab(canvas: Canvas, colour: ColourView, x: float, top: float, width: float, height: float) -> None:
     """Draw a* against b*, at one scale: the press's outline, the slab's colours, where they move."""
     draw_text(canvas, "Hue and chroma: b* over a*", x, top, width, SUBHEADING)
     moves = [(swatch.lab_slab[1:], swatch.lab_printed[1:]) for swatch in colour.swatches]
@@ -219,9 +215,7 @@ def draw_gamut_ab(
     _draw_colours(canvas, axes, sample, colour.gamut_ab, moves)
 
 
-def draw_gamut_lc(
-    canvas: Canvas, colour: ColourView, x: float, top: float, width: float, height: float
-) -> None:
+def draw_gamut_lc(canvas: Canvas, colour: ColourView, x: float, top: float, width: float, height: float) -> None:
     """Draw lightness over chroma: the press's outline, the slab's colours, and its main colours' move."""
     draw_text(canvas, "Lightness and chroma: L* over C*", x, top, width, SUBHEADING)
     moves = []

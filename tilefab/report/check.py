@@ -27,9 +27,7 @@ def check_view(view: RunReportView) -> None:
         if face.thumbnail is not None:
             _check_image(face.thumbnail, f"faces[{place}].thumbnail")
         if not face.code:
-            raise ReportError(
-                f"faces[{place}].code is empty; a face's QR code needs the string that re-creates it"
-            )
+            raise ReportError(f"faces[{place}].code is empty; a face's QR code needs the string that re-creates it")
     _check_colour(view.colour)
     _check_texture_map(view.texture_map)
 
@@ -76,9 +74,7 @@ def _check_image(image: Array, name: str) -> None:
     shape = getattr(image, "shape", None)
     if not isinstance(image, np.ndarray) or image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
         kind = getattr(image, "dtype", type(image).__name__)
-        raise ReportError(
-            f"{name} has shape {shape} and type {kind}; a picture must be uint8 RGB (rows, cols, 3)"
-        )
+        raise ReportError(f"{name} has shape {shape} and type {kind}; a picture must be uint8 RGB (rows, cols, 3)")
     if image.size == 0:
         raise ReportError(f"{name} has shape {shape}; a picture must have at least one pixel")
 
@@ -92,9 +88,7 @@ def _check_numbers(values: Iterable[float], name: str, *, low: float = -1e300, h
 
 def _check_table(table: Array, name: str, columns: int) -> None:
     if table.ndim != 2 or table.shape[1] != columns or table.dtype.kind not in "iuf":
-        raise ReportError(
-            f"{name} has shape {table.shape} of {table.dtype}; it must hold numbers (K, {columns})"
-        )
+        raise ReportError(f"{name} has shape {table.shape} of {table.dtype}; it must hold numbers (K, {columns})")
     if not bool(np.isfinite(table).all()) or bool((np.abs(table.astype(np.float64)) > 1e12).any()):
         raise ReportError(f"{name} holds a value that is not finite; leave such colours out")
 
@@ -106,9 +100,7 @@ def _check_histogram(histogram: HistogramView, name: str) -> None:
     if counts.size == 0:
         return
     if edges.size != counts.size + 1:
-        raise ReportError(
-            f"{name} has {edges.size} edges and {counts.size} counts; there must be one edge more"
-        )
+        raise ReportError(f"{name} has {edges.size} edges and {counts.size} counts; there must be one edge more")
     if not bool(np.isfinite(edges).all()) or not bool(np.isfinite(counts).all()) or bool((counts < 0).any()):
         raise ReportError(f"{name} holds a value that is not finite, or a count below 0")
     if not bool((np.diff(edges.astype(np.float64)) > 0).all()):

@@ -75,9 +75,7 @@ def qr_modules(text: str, name: str) -> Mask:
     try:
         data = text.encode("utf-8")
     except UnicodeEncodeError as error:
-        raise ReportError(
-            f"{name} holds a character that has no Unicode encoding; no QR code can be made"
-        ) from error
+        raise ReportError(f"{name} holds a character that has no Unicode encoding; no QR code can be made") from error
     if len(data) > 2000:
         raise ReportError(f"{name} is {len(data)} bytes long; a QR code on this page holds at most 2000")
     code = qrencoder.QRCode(None, qrencoder.QRErrorCorrectLevel.M)

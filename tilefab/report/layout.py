@@ -66,9 +66,7 @@ def flow(section: str, blocks: Sequence[Block], top: float = TOP) -> list[Page]:
         pages[-1].extend(group)
         room -= height
         place = end + 1
-    return [
-        Page(section, _drawer(page, top if number == 0 else TOP)) for number, page in enumerate(pages) if page
-    ]
+    return [Page(section, _drawer(page, top if number == 0 else TOP)) for number, page in enumerate(pages) if page]
 
 
 def _drawer(blocks: Sequence[Block], top: float) -> Callable[[Canvas], None]:
@@ -104,9 +102,7 @@ def section_heading(text: str, note: str = "") -> Block:
 def text_block(text: str, x: float = LEFT, width: float = WIDTH, max_lines: int = 12) -> Block:
     """Build a paragraph."""
     lines = wrap(text, width, BODY, max_lines)
-    return Block(
-        len(lines) * BODY.leading + 1 * MM, lambda canvas, top: void(draw_lines(canvas, lines, x, top, BODY))
-    )
+    return Block(len(lines) * BODY.leading + 1 * MM, lambda canvas, top: void(draw_lines(canvas, lines, x, top, BODY)))
 
 
 def void(_value: object) -> None:

@@ -131,9 +131,7 @@ def _swatch_blocks(swatches: Sequence[SwatchView]) -> list[Block]:
 
     def draw_head(canvas: Canvas, top: float) -> None:
         heads = ("", "slab | print", "slab: L*, a*, b*", "print: L*, a*, b*", "ΔE00", "share of slab")
-        _draw_head(
-            canvas, heads, _SWATCH_COLUMNS, top, aligns=("left", "left", "left", "left", "right", "right")
-        )
+        _draw_head(canvas, heads, _SWATCH_COLUMNS, top, aligns=("left", "left", "left", "left", "right", "right"))
 
     head = Block(SMALL.leading + 1.5 * MM, draw_head, keep=True)
     rows = [_swatch_row(place, swatch, head) for place, swatch in enumerate(swatches, 1)]
@@ -150,9 +148,7 @@ def _swatch_row(place: int, swatch: SwatchView, head: Block) -> Block:
         canvas.setLineWidth(0.4)
         for side, colour in enumerate((swatch.rgb_slab, swatch.rgb_printed)):
             canvas.setFillColor(_colour(colour))
-            canvas.rect(
-                x + side * patch, top - _SWATCH_ROW + 1 * MM, patch, _SWATCH_ROW - 2 * MM, stroke=1, fill=1
-            )
+            canvas.rect(x + side * patch, top - _SWATCH_ROW + 1 * MM, patch, _SWATCH_ROW - 2 * MM, stroke=1, fill=1)
         for column, lab in ((2, swatch.lab_slab), (3, swatch.lab_printed)):
             x, room = _column(_SWATCH_COLUMNS, column)
             for axis, value in enumerate(lab):

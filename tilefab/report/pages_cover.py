@@ -69,9 +69,7 @@ def cover_pages(view: RunReportView) -> list[Page]:
     code = f"tilefab-job job={view.job_hash} map={view.map_hash} profile={view.profile_hash}"
     modules = qr_modules(code, "the text of the three hashes")
     if qr_least_side(modules) > _QR_BOX:
-        raise ReportError(
-            "job_hash, map_hash and profile_hash are too long for the cover's QR code; shorten them"
-        )
+        raise ReportError("job_hash, map_hash and profile_hash are too long for the cover's QR code; shorten them")
     head = _head(view)
     facts = fact_rows(view.facts, LEFT, _FACTS_WIDTH)
     captions = wrap(view.wall_caption, WIDTH, MUTED, 2)
@@ -105,9 +103,7 @@ def cover_pages(view: RunReportView) -> list[Page]:
 
     pages = [Page("Overview", draw)]
     if shown < len(facts):
-        pages += flow(
-            "The job", [section_heading("The job, further facts"), *two_columns(view.facts[shown:])]
-        )
+        pages += flow("The job", [section_heading("The job, further facts"), *two_columns(view.facts[shown:])])
     return pages
 
 
@@ -200,7 +196,5 @@ def _draw_figures(canvas: Canvas, view: RunReportView, top: float) -> None:
         draw_text(canvas, figure, x + inset, y, room, _FIGURE_ALERT if alert else _FIGURE, shrink=0.4)
         style = _LABEL_ALERT if alert else _LABEL
         y -= _FIGURE.leading
-        y = draw_text(
-            canvas, label, x + inset, y, room, TextStyle(BOLD, 7, 9, style.colour if alert else INK)
-        )
+        y = draw_text(canvas, label, x + inset, y, room, TextStyle(BOLD, 7, 9, style.colour if alert else INK))
         draw_text(canvas, note, x + inset, y, room, TextStyle(REGULAR, 6, 7.6, style.colour), max_lines=2)

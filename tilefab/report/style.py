@@ -82,8 +82,7 @@ def clean(text: str) -> str:
     drawable = _glyphs()
     whole = unicodedata.normalize("NFC", text).translate(_TWINS)
     return "".join(
-        " " if letter.isspace() else letter if ord(letter) in drawable and ord(letter) > 31 else "?"
-        for letter in whole
+        " " if letter.isspace() else letter if ord(letter) in drawable and ord(letter) > 31 else "?" for letter in whole
     ).strip()
 
 
@@ -93,17 +92,13 @@ def text_width(text: str, style: TextStyle) -> float:
     return float(pdfmetrics.stringWidth(text, style.font, style.size))
 
 
-def wrap(
-    text: str, width: float, style: TextStyle, max_lines: int = 40, *, middle: bool = False
-) -> list[str]:
+def wrap(text: str, width: float, style: TextStyle, max_lines: int = 40, *, middle: bool = False) -> list[str]:
     """Break a text into at most ``max_lines`` lines no wider than ``width`` points.
 
     Words too long for a line are broken, after a separator where there is one. What is too long for all the
     lines is cut at its end, or, with ``middle``, in its middle (for paths and names), at an ellipsis.
     """
-    whole = clean(
-        text[:_LONGEST] if len(text) <= _LONGEST else text[: _LONGEST // 2] + text[-_LONGEST // 2 :]
-    )
+    whole = clean(text[:_LONGEST] if len(text) <= _LONGEST else text[: _LONGEST // 2] + text[-_LONGEST // 2 :])
     lines = _break(whole, width, style)
     if len(lines) <= max_lines:
         return lines
@@ -112,9 +107,7 @@ def wrap(
     while low <= high:
         keep = (low + high) // 2
         tail = keep // 2 if middle else 0
-        short = (
-            whole[: keep - tail].rstrip() + _ELLIPSIS + (whole[len(whole) - tail :].lstrip() if tail else "")
-        )
+        short = whole[: keep - tail].rstrip() + _ELLIPSIS + (whole[len(whole) - tail :].lstrip() if tail else "")
         attempt = _break(short, width, style)
         if len(attempt) <= max_lines:
             best, low = attempt, keep + 1
@@ -159,15 +152,11 @@ def _cut(word: str, width: float, style: TextStyle) -> int:
     return at_separator if at_separator > low // 2 else low
 
 
-def draw_lines(
-    canvas: Canvas, lines: list[str], x: float, top: float, style: TextStyle, align: str = "left"
-) -> float:
+def draw_lines(canvas: Canvas, lines: list[str], x: float, top: float, style: TextStyle, align: str = "left") -> float:
     """Draw broken lines below ``top``; return the y below. ``x`` is the edge or centre they align to."""
     canvas.setFont(style.font, style.size)
     canvas.setFillColor(style.colour)
-    draw = {"left": canvas.drawString, "right": canvas.drawRightString, "centre": canvas.drawCentredString}[
-        align
-    ]
+    draw = {"left": canvas.drawString, "right": canvas.drawRightString, "centre": canvas.drawCentredString}[align]
     for place, line in enumerate(lines):
         draw(x, top - place * style.leading - 0.5 * style.leading - 0.36 * style.size, line)
     return top - len(lines) * style.leading
@@ -197,9 +186,7 @@ def draw_text(
     return draw_lines(canvas, wrap(text, width, fitted, max_lines, middle=middle), edge, top, fitted, align)
 
 
-def draw_rule(
-    canvas: Canvas, x: float, y: float, width: float, colour: Color = RULE, thickness: float = 0.5
-) -> None:
+def draw_rule(canvas: Canvas, x: float, y: float, width: float, colour: Color = RULE, thickness: float = 0.5) -> None:
     """Draw a horizontal rule."""
     canvas.setStrokeColor(colour)
     canvas.setLineWidth(thickness)

@@ -5,8 +5,8 @@ both as references into the base; the sampler decides by integer hashing which p
 the plane and copies pixels. Any pixel can be had without any other.
 """
 
-from tilefab.sampling.map_builder import BuildOptions, build
 from tilefab.sampling.layout import PlaneLayout, Region
+from tilefab.sampling.map_builder import BuildOptions, build
 from tilefab.sampling.render import render, render_points
 from tilefab.sampling.texture_map import FORMAT_VERSION, Patches, TextureMap
 

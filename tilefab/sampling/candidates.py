@@ -193,7 +193,8 @@ class CandidateFinder:
 
 def boundary_cost_delta_e(squared: NDArray[np.int64], mask: Mask) -> tuple[float, float]:
     """Worst and mean CIE76 difference along the boundary of a mask, from squared differences in half units."""
-    return boundary_cost(np.sqrt(squared) / LAB_STEPS_PER_UNIT, mask)
+    delta_e: NDArray[np.float64] = np.sqrt(squared) / LAB_STEPS_PER_UNIT
+    return boundary_cost(delta_e, mask)
 
 
 def _in_rhombus(rows: NDArray[np.int64], cols: NDArray[np.int64], tile_rows: int, tile_cols: int) -> Mask:

@@ -91,7 +91,7 @@ def build(
         for radius_px in radii:
             found = finder.find(radius_px, cuts, threads=options.threads, progress=counter)
             # Each size has its share of the patches: judged together, small ones would crowd out large ones.
-            order = sorted(range(len(found)), key=lambda k: (found[k].worst_delta_e, k))  # noqa: B023
+            order = sorted(range(len(found)), key=lambda k: (found[k].worst_delta_e, k))
             candidates += [found[k] for k in sorted(order[:keep])]
     patches, count = _divide(candidates, (tile_source.shape[0], tile_source.shape[1]), options)
     share = min(1.0, 2.0 * options.active_per_cell / max(count, 1))

@@ -27,6 +27,7 @@ from tilefab.texture.matching import (
     reduced_mask,
     refine_place,
     window_is_valid,
+    window_sums,
 )
 from tilefab.texture.seams import FREE, KEEP, TAKE, UNKNOWN_COST, cut
 from tilefab.types import Mask, SizePx
@@ -266,9 +267,7 @@ class _Quilter:
         self.usage[row : row + n, col : col + n] += 1
 
     def _mean_usage(self, n: int) -> NDArray[np.float64]:
-        total = np.zeros((self.usage.shape[0] + 1, self.usage.shape[1] + 1), dtype=np.int64)
-        np.cumsum(np.cumsum(self.usage, axis=0), axis=1, out=total[1:, 1:])
-        return (total[n:, n:] - total[:-n, n:] - total[n:, :-n] + total[:-n, :-n]) / (n * n)
+        return window_sums(self.usage, n, n) / (n * n)
 
 
 def _seam_jumps(base: NDArray[np.int16], source: NDArray[np.int32]) -> NDArray[np.float64]:

@@ -19,7 +19,8 @@ LAB_STEPS_PER_UNIT = 2
 
 def matching_image(lab_d50: NDArray[np.floating]) -> NDArray[np.int16]:
     """CIELAB in half units as integers, (rows, cols, 3), the form in which images are matched."""
-    return np.rint(np.asarray(lab_d50, dtype=np.float64) * LAB_STEPS_PER_UNIT).astype(np.int16)
+    steps: NDArray[np.int16] = np.rint(np.asarray(lab_d50, dtype=np.float64) * LAB_STEPS_PER_UNIT).astype(np.int16)
+    return steps
 
 
 def reduced(image: NDArray[np.int16], factor: int) -> NDArray[np.int16]:
@@ -29,7 +30,8 @@ def reduced(image: NDArray[np.int16], factor: int) -> NDArray[np.int16]:
     rows, cols = image.shape[0] // factor, image.shape[1] // factor
     blocks = image[: rows * factor, : cols * factor].reshape(rows, factor, cols, factor, -1)
     total = blocks.sum(axis=(1, 3), dtype=np.int64)
-    return ((2 * total + factor * factor) // (2 * factor * factor)).astype(np.int16)
+    mean: NDArray[np.int16] = ((2 * total + factor * factor) // (2 * factor * factor)).astype(np.int16)
+    return mean
 
 
 def reduced_mask(mask: Mask, factor: int) -> Mask:
@@ -38,8 +40,23 @@ def reduced_mask(mask: Mask, factor: int) -> Mask:
         return mask
     rows, cols = mask.shape[0] // factor, mask.shape[1] // factor
     blocks = mask[: rows * factor, : cols * factor].reshape(rows, factor, cols, factor)
-    result: Mask = blocks.all(axis=(1, 3))
-    return result
+    return np.asarray(blocks.all(axis=(1, 3)))
+
+
+def window_sums(values: NDArray[np.int64], rows: int, cols: int) -> NDArray[np.int64]:
+    """Sum over every window of ``rows`` x ``cols``, by the place of its top left corner.
+
+    Returns
+    -------
+    ndarray of int64
+        (image rows - rows + 1, image cols - cols + 1); empty if the window is larger than the image.
+    """
+    height, width = values.shape[0], values.shape[1]
+    if rows > height or cols > width:
+        return np.zeros((max(height - rows + 1, 0), max(width - cols + 1, 0)), dtype=np.int64)
+    total = np.zeros((height + 1, width + 1), dtype=np.int64)
+    np.cumsum(np.cumsum(values, axis=0), axis=1, out=total[1:, 1:])
+    return total[rows:, cols:] - total[:-rows, cols:] - total[rows:, :-cols] + total[:-rows, :-cols]
 
 
 def window_is_valid(valid: Mask, rows: int, cols: int) -> Mask:
@@ -48,15 +65,11 @@ def window_is_valid(valid: Mask, rows: int, cols: int) -> Mask:
     Returns
     -------
     ndarray of bool
-        (valid rows - rows + 1, valid cols - cols + 1); empty if the window is larger than the image.
+        As for `window_sums`.
     """
-    invalid = np.zeros((valid.shape[0] + 1, valid.shape[1] + 1), dtype=np.int64)
-    np.cumsum(np.cumsum(~valid, axis=0), axis=1, out=invalid[1:, 1:])
     if rows > valid.shape[0] or cols > valid.shape[1]:
-        return np.zeros((max(valid.shape[0] - rows + 1, 0), max(valid.shape[1] - cols + 1, 0)), dtype=bool)
-    count = invalid[rows:, cols:] - invalid[:-rows, cols:] - invalid[rows:, :-cols] + invalid[:-rows, :-cols]
-    result: Mask = count == 0
-    return result
+        return window_sums(np.zeros(valid.shape, dtype=np.int64), rows, cols) > 0
+    return np.asarray(window_sums((~valid).astype(np.int64), rows, cols) == 0)
 
 
 class TemplateSearch:
@@ -103,7 +116,8 @@ class TemplateSearch:
         spectrum -= 2.0 * correlated.sum(axis=2)
         sums = fft.irfft2(spectrum, self._fft_shape)
         sums = sums[: self.shape[0] - rows + 1, : self.shape[1] - cols + 1]
-        return np.rint(sums).astype(np.int64) + int((values**2).sum())
+        exact: NDArray[np.int64] = np.rint(sums).astype(np.int64) + int((values**2).sum())
+        return exact
 
 
 @kernel
@@ -124,12 +138,12 @@ def refine_place(
         Row and column of the best allowed place, the first in reading order on a tie, and its sum; (-1, -1, -1) if
         no place within reach is allowed.
     """
-    best_row, best_col, best = -1, -1, -1
+    best_row, best_col, best = -1, -1, np.int64(-1)
     for r in range(max(0, row - reach_px), min(allowed.shape[0], row + reach_px + 1)):
         for c in range(max(0, col - reach_px), min(allowed.shape[1], col + reach_px + 1)):
             if not allowed[r, c]:
                 continue
-            total = 0
+            total = np.int64(0)
             for i in range(mask.shape[0]):
                 for j in range(mask.shape[1]):
                     if mask[i, j]:
@@ -140,4 +154,4 @@ def refine_place(
                     break
             if best < 0 or total < best:
                 best_row, best_col, best = r, c, total
-    return best_row, best_col, best
+    return best_row, best_col, int(best)

@@ -7,12 +7,16 @@ so). All costs are integers, so the cut is the same on every machine.
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, sparse
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 from tilefab.types import Mask
+
+Number = TypeVar("Number", bound=np.generic)
 
 _SOURCE = 0
 _SINK = 1
@@ -70,7 +74,7 @@ def cut(cost: NDArray[np.int64], labels: NDArray[np.uint8]) -> Mask:
     free = labels == FREE
     if min(cost.shape) < 8 or np.count_nonzero(free) <= _DIRECT_AREA_PX:
         return _cut_directly(cost, labels)
-    coarse = cut(_pooled(cost, np.max), _pooled(labels, _coarse_label))
+    coarse = cut(_blocks(cost).max(axis=-1), _coarse_labels(labels))
     guess = np.repeat(np.repeat(coarse, 2, axis=0), 2, axis=1)[: cost.shape[0], : cost.shape[1]]
     guess = (guess & (labels != KEEP)) | (labels == TAKE)
     block = np.ones((2 * _BAND_PX + 1, 2 * _BAND_PX + 1), dtype=bool)
@@ -82,24 +86,22 @@ def cut(cost: NDArray[np.int64], labels: NDArray[np.uint8]) -> Mask:
     return _cut_directly(cost, banded)
 
 
-def _pooled(values: NDArray[np.generic], reduce: object) -> NDArray[np.generic]:
-    """Halve an array, edge pixels repeated, each 2 x 2 block reduced to one value."""
+def _blocks(values: NDArray[Number]) -> NDArray[Number]:
+    """Pixels of each 2 x 2 block of an array, edge pixels repeated: (half the rows, half the columns, 4)."""
     padded = np.pad(values, [(0, n % 2) for n in values.shape], mode="edge")
     rows, cols = padded.shape
-    blocks = padded.reshape(rows // 2, 2, cols // 2, 2).transpose(0, 2, 1, 3).reshape(rows // 2, cols // 2, 4)
-    result: NDArray[np.generic] = reduce(blocks, axis=-1)  # type: ignore[operator]
-    return result
+    return padded.reshape(rows // 2, 2, cols // 2, 2).transpose(0, 2, 1, 3).reshape(rows // 2, cols // 2, 4)
 
 
-def _coarse_label(blocks: NDArray[np.uint8], axis: int) -> NDArray[np.uint8]:
-    """A coarse pixel is forced only where its four pixels are forced alike."""
+def _coarse_labels(labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Labels at half size: a coarse pixel is forced only where its four pixels are forced alike."""
+    blocks = _blocks(labels)
     first = blocks[..., 0]
-    alike = (blocks == first[..., None]).all(axis=axis)
-    return np.where(alike, first, FREE).astype(np.uint8)
+    return np.where((blocks == first[..., None]).all(axis=-1), first, FREE).astype(np.uint8)
 
 
 def _cut_directly(cost: NDArray[np.int64], labels: NDArray[np.uint8]) -> Mask:
-    take = labels == TAKE
+    take: Mask = labels == TAKE
     free = labels == FREE
     if not free.any():
         return take
@@ -137,12 +139,12 @@ def _cut_directly(cost: NDArray[np.int64], labels: NDArray[np.uint8]) -> Mask:
     reached = breadth_first_order(residual, _SOURCE, return_predecessors=False)
     taken = np.zeros(size, dtype=bool)
     taken[reached] = True
-    result = take.copy()
+    result: Mask = take.copy()
     result[free] = taken[node[free]]
     return result
 
 
-def boundary_cost(cost: NDArray[np.int64], mask: Mask) -> tuple[float, float]:
+def boundary_cost(cost: NDArray[np.int64] | NDArray[np.float64], mask: Mask) -> tuple[float, float]:
     """Worst and mean cost of the cut around a mask.
 
     Parameters

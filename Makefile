@@ -1,0 +1,44 @@
+# tilefab: `make demo` and `make test` are all that a newcomer needs; both make the environment they need.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.PHONY: install demo test check bench profiles clean
+.DEFAULT_GOAL := demo
+
+install: $(STAMP)
+
+$(STAMP): pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit("tilefab needs Python 3.11 or later: make PYTHON=/path/to/python3.11") if sys.version_info < (3, 11) else None'
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@touch $(STAMP)
+
+# The main job on a real photograph: faces, proofs, manifest and report under out/demo.
+demo: install
+	$(BIN)/tilefab run jobs/demo.toml
+	@echo "Look at out/demo/report.pdf, out/demo/proofs and out/demo/faces."
+
+test: install
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadgroup
+
+# Everything that reads the code without running it.
+check: install
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: install
+	$(BIN)/python benchmarks/distinct_faces.py
+	$(BIN)/python benchmarks/sampler.py
+
+# The shipped press profile, from the simulated press: chart, measurement file, profile.
+profiles: install
+	$(BIN)/python -m sim.chart -o profiles/demo_ceramic.ti3
+	$(BIN)/tilefab profile build profiles/demo_ceramic.ti3 -o profiles/demo_ceramic.icc
+
+clean:
+	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
