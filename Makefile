@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: install demo test check bench profiles clean
+.PHONY: install demo test check docs bench profiles clean
 .DEFAULT_GOAL := demo
 
 install: $(STAMP)
@@ -33,6 +33,10 @@ check: install
 bench: install
 	$(BIN)/python benchmarks/distinct_faces.py
 	$(BIN)/python benchmarks/sampler.py
+
+# Pages that are made from the code.
+docs: install
+	$(BIN)/python -m tilefab.config.reference > docs/job_files.md
 
 # The shipped press profile, from the simulated press: chart, measurement file, profile.
 profiles: install

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from tilefab.types import SizeMm, SizePx
 
 MM_PER_INCH = 25.4
@@ -13,7 +15,7 @@ def px_from_mm(length_mm: float, dpi: float) -> int:
     >>> px_from_mm(600, 400)
     9449
     """
-    return int(length_mm * dpi / MM_PER_INCH + 0.5)
+    return math.floor(length_mm * dpi / MM_PER_INCH + 0.5)
 
 
 def mm_from_px(length_px: float, dpi: float) -> float:

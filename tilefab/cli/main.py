@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
+import traceback
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,26 +18,28 @@ from tilefab.cli.progress import Bars
 from tilefab.cli.show import show_map, show_plan, show_result
 from tilefab.config import load_job
 from tilefab.errors import ConfigError, Problem, TilefabError
-from tilefab.io.faces import write_preview
+from tilefab.io.faces import check_preview_path, write_preview
 from tilefab.io.texture_map_file import load_texture_map
 from tilefab.pipeline.describe import map_facts, plan_facts
 from tilefab.pipeline.faces import code_is_of, face_code, face_region, parse_face_code, write_face
-from tilefab.pipeline.maps import job_maps, proof_map, texture_map, texture_map_path
+from tilefab.pipeline.maps import job_maps, kept_texture_map, proof_map, texture_map, texture_map_path
 from tilefab.pipeline.plan import Plan, plan_job
 from tilefab.pipeline.run import run_job
 from tilefab.pipeline.run_report import job_warnings, write_report
 from tilefab.pipeline.selection import parse_faces
-from tilefab.pipeline.wall import render_wall
+from tilefab.pipeline.wall import render_wall, wall_index
 from tilefab.sampling.layout import FACE_LIMIT
 
+REFUSED = 1
 INTERRUPTED = 130
+INTERRUPTED_NOTE = "interrupted: finished faces are kept; run the same command again to go on"
 UNEXPECTED = 70
 
 app = typer.Typer(
     name="tilefab",
     help="Prints stone on ceramic tile: a different, re-creatable face on every tile of a run.",
     epilog="Exit codes: 0 done, 2 wrong usage, 3 job file, 4 image, 5 profile, 6 texture can't be grown, 7 texture-map "
-    "file, 8 output, 9 report, 70 a defect of tilefab, 130 interrupted.",
+    "file, 8 output, 9 report, 1 refused by the system, 70 a defect of tilefab, 130 interrupted.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=False,
@@ -160,8 +163,8 @@ def _face_number(plan: Plan, text: str) -> int:
     if code is not None:
         if not code_is_of(plan, code):
             raise typer.BadParameter("this code was made by another job, or by this job with other settings")
-        return code.index
-    if not text.isascii() or not text.isdigit() or int(text) >= FACE_LIMIT:
+        text = str(code.index)
+    if not text.isascii() or not text.isdigit() or len(text) > 40 or int(text) >= FACE_LIMIT:
         raise typer.BadParameter(f"{text!r} is neither a face number (0 .. 2**40 - 1) nor the text of a face's code")
     return int(text)
 
@@ -181,6 +184,9 @@ def wall(
 ) -> None:
     """Picture of a wall of many faces in their fired colours (.png, .jpg or .tif)."""
     plan = _plan(job, out)
+    if wall_index(plan, rows - 1, cols - 1, cols, first) >= FACE_LIMIT:
+        raise typer.BadParameter("the last face of this wall would be beyond 2**40 - 1; use a smaller --first")
+    check_preview_path(output)
     with Bars() as bars:
         maps = job_maps(plan, bars, threads)
         picture = render_wall(
@@ -209,7 +215,7 @@ def map_build(
     """Build a job's texture map, or find it built, in the run's folder."""
     plan = _plan(job, out)
     with Bars() as bars:
-        built = texture_map(plan, bars, threads)
+        built = kept_texture_map(plan, bars, threads)
     facts = map_facts(built, texture_map_path(plan))
     if as_json:
         _print_json({**facts, "warnings": job_warnings(built)})
@@ -262,9 +268,18 @@ def main() -> None:
     except TilefabError as error:
         typer.echo("\n".join(f"error: {line}" for line in error.message.splitlines()), err=True)
         sys.exit(error.exit_code)
+    except SystemExit as end:
+        # Typer ends an interrupted command itself, without a word.
+        if end.code == INTERRUPTED:
+            typer.echo(INTERRUPTED_NOTE, err=True)
+        raise
     except KeyboardInterrupt:
-        typer.echo("interrupted: finished faces are kept; run the same command again to go on", err=True)
+        typer.echo(INTERRUPTED_NOTE, err=True)
         sys.exit(INTERRUPTED)
     except (MemoryError, OSError) as error:
-        typer.echo(f"error: {error or 'out of memory'}", err=True)
-        sys.exit(1)
+        typer.echo(f"error: {str(error) or 'out of memory'}", err=True)
+        sys.exit(REFUSED)
+    except Exception as error:
+        traceback.print_exc()
+        typer.echo(f"error: a defect of tilefab, please report it with the lines above: {error!r}", err=True)
+        sys.exit(UNEXPECTED)

@@ -8,7 +8,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
@@ -67,7 +67,8 @@ def load_job(path: Path) -> JobFile:
     if len(raw) > _MAX_BYTES:
         raise ConfigError([Problem(name, None, "", "larger than 1 MiB: not a job file")])
     try:
-        text = raw.decode()
+        # Editors on Windows put a byte order mark before the text.
+        text = raw.decode("utf-8-sig")
         values = tomllib.loads(text)
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
@@ -77,6 +78,10 @@ def load_job(path: Path) -> JobFile:
         line_number = int(place.group(1)) if place else text.count("\n") + 1
         message = _TOML_PLACE.sub("", str(error)).replace(" (at end of document)", "; the file ends too early")
         raise ConfigError([Problem(name, line_number, "", f"not valid TOML: {message}")]) from error
+    except (ValueError, RecursionError) as error:
+        # Numbers of thousands of digits and tables nested thousands deep: valid TOML that Python won't read.
+        reason = "nested too deeply" if isinstance(error, RecursionError) else str(error).partition(";")[0]
+        raise ConfigError([Problem(name, None, "", f"not a job file: {reason}")]) from error
     try:
         return JobFile(path, Job.model_validate(values), _lines(text))
     except ValidationError as error:
@@ -89,7 +94,7 @@ def _lines(text: str) -> dict[tuple[str, ...], int]:
     """Line of every section and key, counted from 1; a key written twice is a TOML error, so each has one."""
     lines: dict[tuple[str, ...], int] = {}
     section: tuple[str, ...] = ()
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in enumerate(text.split("\n"), start=1):
         if match := _SECTION.match(line):
             section = (match.group(1),)
             lines.setdefault(section, number)
@@ -120,24 +125,26 @@ def _problem(name: str, lines: dict[tuple[str, ...], int], details: dict[str, An
     return Problem(name, line, ".".join(path), message)
 
 
-def _section_model(name: str) -> type[BaseModel] | None:
-    field = Job.model_fields.get(name)
-    if field is None:
-        return None
-    kinds = [field.annotation, *get_args(field.annotation)]
-    return next((k for k in kinds if isinstance(k, type) and issubclass(k, BaseModel)), None)
+def section_models() -> dict[str, type[BaseModel]]:
+    """Model of each section of a job file, in the order in which they are documented."""
+    models = {}
+    for name, field in Job.model_fields.items():
+        kind = field.annotation
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            models[name] = kind
+    return models
 
 
 def _unknown(path: tuple[str, ...]) -> str:
-    model = Job if len(path) == 1 else _section_model(path[0])
+    model = Job if len(path) == 1 else section_models().get(path[0])
     known = list(model.model_fields) if model is not None else []
     close = difflib.get_close_matches(path[-1], known, n=1)
-    hint = f"; did you mean {close[0]}?" if close else ""
+    hint = f"; did you mean {close[0]}?" if close else "."
     return f"unknown key{hint} Allowed here: {', '.join(known)}"
 
 
 def _allowed(path: tuple[str, ...]) -> str:
-    model = _section_model(path[0])
+    model = section_models().get(path[0])
     if model is None or len(path) < 2:
         return f"the job needs a section [{path[0]}]" if model is not None and len(path) == 1 else ""
     field = model.model_fields.get(path[1])

@@ -18,7 +18,7 @@ class Section(BaseModel):
 
 
 Size = Annotated[
-    list[Annotated[float, Field(strict=False, gt=0)]],
+    list[Annotated[float, Field(gt=0)]],
     Field(min_length=2, max_length=2, description="[width, height]"),
 ]
 
@@ -42,7 +42,6 @@ class Slab(Section):
         None,
         ge=10,
         le=20000,
-        strict=False,
         description="Resolution of the scans, if the files don't state it; overrides them.",
     )
     input_profile: str | None = Field(
@@ -55,10 +54,10 @@ class Slab(Section):
         description='One mask for each scan, white where it is not to be used; "" for a scan without one.',
     )
     square: bool = Field(True, description="Find the slab on the scanner, turn it upright and trim its surround.")
-    trim_mm: float = Field(0.0, ge=0, le=1000, strict=False, description="Width to trim off each edge of the slab.")
+    trim_mm: float = Field(0.0, ge=0, le=1000, description="Width to trim off each edge of the slab.")
     lighting: bool = Field(True, description="Remove uneven lighting of the scanner.")
     match: bool = Field(True, description="Bring several slabs to a common colour mean and spread.")
-    target_lab: list[Annotated[float, Field(strict=False)]] | None = Field(
+    target_lab: list[float] | None = Field(
         None,
         min_length=3,
         max_length=3,
@@ -86,7 +85,6 @@ class Texture(Section):
     feature_mm: float | None = Field(
         None,
         gt=0,
-        strict=False,
         description="Size of the largest thing in the stone that should stay whole. Default: a quarter of the slab.",
     )
     patches: int = Field(600, ge=0, le=4000, description="Interchangeable patches to aim for.")
@@ -94,7 +92,6 @@ class Texture(Section):
         40.0,
         ge=0,
         le=4000,
-        strict=False,
         description="Patches that each cell of the plane tries to show, on average.",
     )
     seed: int = Field(0, ge=0, lt=1 << 63, description="Job seed: another seed gives other faces.")
@@ -104,14 +101,14 @@ class Tile(Section):
     """[tile]: the faces."""
 
     size_mm: Size = Field(description="Finished size of a tile, [width, height].")
-    dpi: float = Field(ge=10, le=2400, strict=False, description="Resolution of the printer.")
+    dpi: float = Field(ge=10, le=2400, description="Resolution of the printer.")
     count: int = Field(1, ge=1, le=1 << 40, description="How many faces to print.")
     layout: Literal["scatter", "continuous"] = Field(
         "scatter",
         description="`scatter`: faces from all over the plane. `continuous`: a wall whose veins run on.",
     )
     columns: int | None = Field(None, ge=1, le=100_000, description="Faces in a row of the wall (continuous only).")
-    bleed_mm: float = Field(0.0, ge=0, le=100, strict=False, description="Margin printed beyond each edge.")
+    bleed_mm: float = Field(0.0, ge=0, le=100, description="Margin printed beyond each edge.")
 
     @model_validator(mode="after")
     def _check(self) -> Tile:
@@ -125,7 +122,7 @@ class Tile(Section):
                 f"size_mm: {self.size_mm[0]:g} x {self.size_mm[1]:g} mm at {self.dpi:g} dpi is {sides[0]:.0f} x "
                 f"{sides[1]:.0f} pixels; a face can have 2**30 at most: check size_mm, bleed_mm and dpi"
             )
-        if min(sides) < 1:
+        if min(self.size_mm) / 25.4 * self.dpi < 1:
             raise ValueError(f"size_mm: smaller than a pixel at {self.dpi:g} dpi: check size_mm and dpi")
         return self
 
@@ -137,9 +134,7 @@ class Colour(Section):
     intent: Literal["perceptual", "relative", "absolute", "saturation"] = Field(
         "perceptual", description="Rendering intent."
     )
-    ink_limit_percent: float = Field(
-        300.0, gt=0, le=800, strict=False, description="Most ink at any place, all inks added up."
-    )
+    ink_limit_percent: float = Field(300.0, gt=0, le=800, description="Most ink at any place, all inks added up.")
     ink_names: list[str] | None = Field(
         None,
         min_length=1,
@@ -172,6 +167,12 @@ class Report(Section):
         "report.pdf", description="File name, relative to the run's folder; false for none."
     )
     faces: int = Field(24, ge=1, le=1000, description="Most faces to show on the contact sheet.")
+
+    @model_validator(mode="after")
+    def _check(self) -> Report:
+        if self.pdf is not False and not self.pdf.lower().endswith(".pdf"):
+            raise ValueError(f"pdf: {self.pdf!r} must end in .pdf, so that it can't replace another file of the run")
+        return self
 
 
 class Job(Section):

@@ -21,6 +21,7 @@ _ADVICE = {
     errno.EPERM: "not permitted: choose another folder or change its permissions",
     errno.EROFS: "the folder is read-only: choose another",
     errno.ENOTDIR: "a part of the path is a file, not a folder",
+    errno.EEXIST: "a file of this name is in the way",
     errno.EISDIR: "a folder is in the way",
     errno.ENOENT: "the folder doesn't exist and can't be made here",
 }
@@ -28,7 +29,11 @@ _ADVICE = {
 
 def output_error(action: str, path: Path, error: OSError) -> OutputError:
     """Explain a failed write to the user."""
-    advice = _ADVICE.get(error.errno or 0, error.strerror or str(error))
+    if error.errno is None and error.strerror is None:
+        # NumPy's tofile doesn't say why it wrote less than it should.
+        advice = f"not all of it could be written ({error}): is the disk full?"
+    else:
+        advice = _ADVICE.get(error.errno or 0, error.strerror or str(error))
     return OutputError(f"{path}: can't {action}: {advice}", path=str(path))
 
 

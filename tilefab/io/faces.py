@@ -112,9 +112,24 @@ def read_print_pixels(path: Path) -> Array:
     """
     try:
         pixels = tifffile.imread(path)
-    except (OSError, ValueError, IndexError, KeyError, tifffile.TiffFileError) as error:
+    except Exception as error:  # a damaged file makes tifffile and its codecs raise nearly anything
         raise ImageError(f"{path}: can't be read back: {error}", path=str(path)) from error
     return np.asarray(pixels)
+
+
+def check_preview_path(path: Path) -> None:
+    """Refuse a picture's path whose suffix names no format, before the work of drawing it.
+
+    Raises
+    ------
+    OutputError
+        If it is none of `PREVIEW_SUFFIXES`.
+    """
+    if path.suffix.lower() not in PREVIEW_SUFFIXES:
+        raise OutputError(
+            f"{path}: unknown picture format {path.suffix or '(no ending)'}; use {', '.join(PREVIEW_SUFFIXES)}",
+            path=str(path),
+        )
 
 
 def write_preview(path: Path, rgb: NDArray[np.uint8], dpi: float) -> None:
@@ -134,11 +149,7 @@ def write_preview(path: Path, rgb: NDArray[np.uint8], dpi: float) -> None:
     OutputError
         If the suffix is another, or the file can't be written.
     """
-    if path.suffix.lower() not in PREVIEW_SUFFIXES:
-        raise OutputError(
-            f"{path}: unknown picture format {path.suffix or '(no ending)'}; use {', '.join(PREVIEW_SUFFIXES)}",
-            path=str(path),
-        )
+    check_preview_path(path)
 
     def write(temporary: Path) -> None:
         spec: Any = oiio.ImageSpec(rgb.shape[1], rgb.shape[0], 3, oiio.UINT8)

@@ -7,8 +7,9 @@ import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import get_type_hints
 
 from tilefab.errors import OutputError
 from tilefab.io.atomic import atomic_write_bytes, make_folder, output_error
@@ -66,9 +67,22 @@ class Manifest:
 
     A line is synced before the next face is begun. A line that a crash cut short is dropped, and its face, which has
     its file already, is compared with that file when it is made again.
+
+    Parameters
+    ----------
+    folder
+        The output folder.
+    repair
+        Also remove a line that was cut short from the file. Only for who holds the folder (`locked_folder`): to
+        others such a line may be one that a run is just writing.
+
+    Raises
+    ------
+    OutputError
+        If the file can't be read, or a line of it isn't a record or contradicts another.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, repair: bool = False) -> None:
         self.path = folder / MANIFEST_NAME
         self.records: dict[int, FaceRecord] = {}
         if not self.path.exists():
@@ -81,7 +95,7 @@ class Manifest:
         for number, line in enumerate(whole.splitlines(), start=1):
             try:
                 record = _record(line)
-            except (ValueError, TypeError, KeyError) as error:
+            except (ValueError, TypeError, KeyError, RecursionError) as error:
                 raise OutputError(
                     f"{self.path}:{number}: not a line of a manifest ({error}); use another output folder, or "
                     "restore the manifest",
@@ -94,7 +108,7 @@ class Manifest:
                     "another output folder",
                     path=str(self.path),
                 )
-        if whole != raw:
+        if repair and whole != raw:
             atomic_write_bytes(self.path, whole)
 
     def append(self, record: FaceRecord) -> None:
@@ -124,8 +138,18 @@ class Manifest:
 
 def _record(line: bytes) -> FaceRecord:
     values = json.loads(line)
-    known = {field.name for field in fields(FaceRecord)}
-    return FaceRecord(**{name: value for name, value in values.items() if name in known})
+    if not isinstance(values, dict):
+        raise TypeError("no record")
+    kinds = get_type_hints(FaceRecord)
+    record = FaceRecord(**{name: value for name, value in values.items() if name in kinds})
+    for name, kind in kinds.items():
+        value = getattr(record, name)
+        if not isinstance(value, list if name == "origin" else kind) or isinstance(value, bool):
+            raise TypeError(f"{name} is {value!r}")
+    for file in (record.file, record.proof or ""):
+        if Path(file).is_absolute() or ".." in Path(file).parts:
+            raise ValueError(f"{file} is outside the folder")
+    return record
 
 
 @contextmanager

@@ -78,16 +78,14 @@ def read_scan(path: Path) -> Scan:
         if not valid.any():
             raise ImageError(f"{path}: the whole scan is transparent; give one with opaque pixels", path=str(path))
     channels = pixels.shape[2]
-    if channels == 2 or channels > 4:
-        if channels > 4 and [str(n) for n in spec.channelnames[:3]] == ["R", "G", "B"]:
-            notes.append(f"{path.name} has {channels} channels: only R, G and B are used")
-            pixels = pixels[..., :3]
-        else:
-            raise ImageError(
-                f"{path}: {channels} channels ({', '.join(spec.channelnames)}); a scan has 1 (gray), 3 (RGB) or "
-                "4 (CMYK)",
-                path=str(path),
-            )
+    if channels > 3 and [str(n) for n in spec.channelnames[:3]] == ["R", "G", "B"]:
+        notes.append(f"{path.name} has {channels} channels: only R, G and B are used")
+        pixels = pixels[..., :3]
+    elif channels == 2 or channels > 4:
+        raise ImageError(
+            f"{path}: {channels} channels ({', '.join(spec.channelnames)}); a scan has 1 (gray), 3 (RGB) or 4 (CMYK)",
+            path=str(path),
+        )
     if channels == 1:
         notes.append(f"{path.name} is grayscale: it is used as a neutral grey stone")
     pixels = np.ascontiguousarray(pixels)

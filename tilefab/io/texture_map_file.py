@@ -14,6 +14,7 @@ The hash is the map's own (`TextureMap.hash`); it covers every array and fact, s
 from __future__ import annotations
 
 import json
+import math
 import struct
 from pathlib import Path
 from typing import Any
@@ -117,9 +118,10 @@ def load_texture_map(path: Path | str) -> TextureMap:
         header = json.loads(text)
         data = np.memmap(path, dtype=np.uint8, mode="r", offset=0)
         arrays = {entry["name"]: _array(path, data, _PREFIX.size + length, entry) for entry in header["arrays"]}
+        _check_gaps(path, data, _PREFIX.size + length, header["arrays"])
         texture_map = _assemble(header, arrays)
         stated = str(header["hash"])
-    except (ValueError, KeyError, TypeError, AttributeError, UnicodeDecodeError) as error:
+    except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
         raise _error(path, f"damaged ({error}); build the map again") from error
     if texture_map.hash != stated:
         raise _error(path, "damaged: its contents don't match its checksum; build the map again")
@@ -139,6 +141,19 @@ def _array(path: Path, data: Array, start: int, entry: dict[str, Any]) -> Array:
         raise _error(path, "truncated: it is shorter than its header says; build the map again")
     raw: Array = data[begin : begin + count * dtype.itemsize]
     return np.asarray(raw.view(dtype)).reshape(shape)
+
+
+def _check_gaps(path: Path, data: Array, start: int, table: list[dict[str, Any]]) -> None:
+    """Find damage that no array shows: in the zeros between arrays, and at the end of the file."""
+    end = start
+    for entry in table:
+        stop = start + int(entry["offset"]) + math.prod(entry["shape"]) * np.dtype(entry["dtype"]).itemsize
+        end = stop + -(stop - start) % _ALIGNMENT
+        if data[stop:end].any():
+            raise ValueError(f"there are stray bytes after array {entry['name']}")
+    if data.size != end:
+        relation = "truncated: it is shorter" if data.size < end else "damaged: it is longer"
+        raise _error(path, f"{relation} than its header says; build the map again")
 
 
 def _assemble(header: dict[str, Any], arrays: dict[str, Array]) -> TextureMap:

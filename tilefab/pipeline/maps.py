@@ -12,6 +12,7 @@ import numpy as np
 from tilefab.colour import PressTransform, limit_total_ink, quantise_inks, srgb_from_xyz, xyz_from_lab
 from tilefab.colour.encoding import LAB16_CHANNELS, LAB16_SPACE, decode_lab16, encode_lab16
 from tilefab.errors import OutputError, SynthesisError, TextureMapError
+from tilefab.io.atomic import make_folder
 from tilefab.io.texture_map_file import SUFFIX, load_texture_map, save_texture_map
 from tilefab.pipeline.plan import Plan
 from tilefab.pipeline.prepare import PreparedSlab, prepare_slab
@@ -73,6 +74,24 @@ def texture_map(plan: Plan, progress: Progress, threads: int | None = None) -> T
     if texture is None:
         texture = build_map(plan, progress, threads)
         _save(path, texture, progress)
+    return texture
+
+
+def kept_texture_map(plan: Plan, progress: Progress, threads: int | None = None) -> TextureMap:
+    """Texture map of a job, which is then in the run's folder for sure.
+
+    Raises
+    ------
+    OutputError
+        If it can't be written.
+    ImageError, ProfileError, SynthesisError
+        If it can't be made.
+    """
+    path = texture_map_path(plan)
+    make_folder(path.parent)
+    texture = texture_map(plan, progress, threads)
+    if not path.exists():
+        save_texture_map(path, texture)
     return texture
 
 

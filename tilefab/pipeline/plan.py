@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib.resources
 import json
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -262,7 +263,7 @@ class _Planner:
         self.causes.append(error)
 
     def _from_job(self, name: str) -> Path:
-        return self.file.path.absolute().parent / Path(name).expanduser()
+        return self.file.path.absolute().parent / _expanded(name)
 
     def _find(self, name: str, key: str, section: str = "slab") -> Path | None:
         """Find a file named by the job: beside the job file, in the current folder, or shipped with tilefab."""
@@ -272,15 +273,24 @@ class _Planner:
                 message = f"{name}: no installed package holds this file; write package:NAME/FOLDER/FILE"
                 self.problems.append(self.file.problem(section, key, message))
             return path
-        tried = [self._from_job(name), Path(name).expanduser().absolute()]
+        tried = [self._from_job(name), _expanded(name).absolute()]
         if key == "press_profile":
             tried.append(shipped_profiles() / name)
         for path in tried:
-            if path.is_file():
-                return path.resolve()
+            with suppress(OSError):  # too long a name, a folder that may not be looked into
+                if path.is_file():
+                    return path.resolve()
         places = " nor ".join(dict.fromkeys(str(path) for path in tried))
         self.problems.append(self.file.problem(section, key, f"there is no file {places}"))
         return None
+
+
+def _expanded(name: str) -> Path:
+    """A path with ~ resolved; one of an unknown user is taken as it stands."""
+    try:
+        return Path(name).expanduser()
+    except RuntimeError:
+        return Path(name)
 
 
 def _in_package(name: str) -> Path | None:

@@ -81,9 +81,11 @@ def run_job(
         If the texture map can't be made.
     """
     with locked_folder(plan.output):
-        manifest = Manifest(plan.output)
-        _claim(plan, manifest)
+        manifest = Manifest(plan.output, repair=True)
+        _check_owner(plan, manifest)
         maps = job_maps(plan, progress, threads)
+        # Only now: a folder in which nothing could be printed stays free for the job with its faults put right.
+        _claim(plan)
         run = _Run(plan, maps, manifest, threads, verify)
         written = 0
         for done, index in enumerate(indices):
@@ -93,8 +95,8 @@ def run_job(
     return RunResult(plan.output, len(indices), written, len(indices) - written, maps.texture.hash, maps.press.hash)
 
 
-def _claim(plan: Plan, manifest: Manifest) -> None:
-    """Make sure that the folder is this job's, and say so in it."""
+def _check_owner(plan: Plan, manifest: Manifest) -> None:
+    """Make sure that the folder is this job's or nobody's, and clear away what a killed run left."""
     path = plan.output / JOB_RECORD_NAME
     owners = {record.job for record in manifest.records.values()}
     if path.exists():
@@ -114,6 +116,11 @@ def _claim(plan: Plan, manifest: Manifest) -> None:
     for name in ("", FACES_FOLDER, PROOFS_FOLDER, MAPS_FOLDER):
         if (plan.output / name).is_dir():
             remove_leftovers(plan.output / name)
+
+
+def _claim(plan: Plan) -> None:
+    """Say in the folder that it is this job's."""
+    path = plan.output / JOB_RECORD_NAME
     if not path.exists():
         facts = {
             "job": plan.job_hash,
@@ -153,18 +160,22 @@ class _Run:
             pixels = render_face(self.plan, self.press, index, threads=self.threads, out=self.buffer)
             self.buffer = pixels
             digest = pixel_hash(pixels)
+            expected = self._record(index, path, pixels, digest)
             if record is not None and record.sha256 != digest:
                 raise _contradiction(path, index, "the manifest records other pixels than the job now gives")
+            if record is not None and replace(record, proof=expected.proof) != expected:
+                raise _contradiction(path, index, "the manifest records other facts of it than the job now gives")
             if present and not _holds(path, pixels):
                 raise _contradiction(path, index, "the file holds other pixels than the job gives")
             if not present:
                 write_print_tiff(path, pixels, print_tags(self.plan, self.press, index))
             if record is None:
-                wrote_proof = self._proof_file(index)
-                self.manifest.append(self._record(index, path, pixels, digest))
+                if expected.proof is not None:
+                    self._proof_file(index, self.plan.output / expected.proof)
+                self.manifest.append(expected)
                 return True
-        if record is not None and record.proof is not None:
-            wrote_proof = self._proof_file(index)
+        if record is not None and record.proof is not None and self.plan.job.output.proofs:
+            wrote_proof = self._proof_file(index, self.plan.output / record.proof)
         return not present or wrote_proof
 
     def _record(self, index: int, path: Path, pixels: Array, digest: str) -> FaceRecord:
@@ -190,10 +201,8 @@ class _Run:
             record = replace(record, proof=f"{PROOFS_FOLDER}/{path.stem}.png")
         return record
 
-    def _proof_file(self, index: int) -> bool:
-        if not self.plan.job.output.proofs:
-            return False
-        path = self.plan.output / PROOFS_FOLDER / f"face_{index:0{self.digits}d}.png"
+    def _proof_file(self, index: int, path: Path) -> bool:
+        """Make the proof of one face unless it is there; whether it was made."""
         if path.exists():
             return False
         if self._proof is None:

@@ -180,8 +180,8 @@ def job_warnings(texture: TextureMap, colour: ColourView | None = None) -> tuple
             )
         if colour.delta_e_mean > _DELTA_E_WARNING:
             warnings.append(
-                f"The print differs from the stone by a mean CIEDE2000 of {colour.delta_e_mean:.1f}; a relative intent, "
-                "or another press profile, may come nearer"
+                f"The print differs from the stone by a mean CIEDE2000 of {colour.delta_e_mean:.1f}; a relative "
+                "intent, or another press profile, may come nearer"
             )
     return tuple(warnings)
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from tilefab.errors import ConfigError, Problem
 
-_PART = re.compile(r"^\s*(?:(\d+)|(\d*)\s*:\s*(\d*))\s*$", re.ASCII)
+_PART = re.compile(r"^\s*(?:(\d{1,40})|(\d{0,40})\s*:\s*(\d{0,40}))\s*$", re.ASCII)
 
 
 def parse_faces(text: str | None, count: int) -> Sequence[int]:

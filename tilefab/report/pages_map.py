@@ -52,7 +52,7 @@ def _histograms_block(texture_map: TextureMapView) -> Block:
             half,
             _PLOT_HEIGHT,
             title="Cost of the patches' seams",
-            x_label="cost",
+            x_label="worst step, CIE76",
             y_label="patches",
             hatched=False,
         )
@@ -64,7 +64,7 @@ def _histograms_block(texture_map: TextureMapView) -> Block:
             half,
             _PLOT_HEIGHT,
             title="Size of the patches",
-            x_label="pixels",
+            x_label="side of an equal square, pixels",
             y_label="patches",
             hatched=True,
         )

@@ -148,8 +148,10 @@ class CandidateFinder:
             int(_SAME_PLACE_SHARE * _RING_SAMPLES),
         )
 
+        window = _Window.of_radius(radius_px, reach)
+
         def one(k: int) -> Candidate | None:
-            found = None if chosen[k] < 0 else self._cut(radius_px, reach, places[k], tries[k, chosen[k]])
+            found = None if chosen[k] < 0 else self._cut(window, places[k], tries[k, chosen[k]])
             if progress is not None:
                 progress()
             return found
@@ -157,24 +159,18 @@ class CandidateFinder:
         with ThreadPoolExecutor(threads or os.cpu_count() or 1) as pool:
             return [candidate for candidate in pool.map(one, range(count)) if candidate is not None]
 
-    def _cut(self, radius_px: int, reach: int, place: NDArray[np.int64], source: NDArray[np.int64]) -> Candidate | None:
-        offset = np.arange(-reach, reach + 1)
+    def _cut(self, window: _Window, place: NDArray[np.int64], source: NDArray[np.int64]) -> Candidate | None:
+        reach = window.reach
         tile_rows, tile_cols = self.tile_source.shape
-        rows, cols = place[0] + offset, place[1] + offset
-        tile = self.tile[np.ix_(rows % tile_rows, cols % tile_cols)]
+        rows, cols = place[0] + window.offset, place[1] + window.offset
         patch = self.base[source[0] - reach : source[0] + reach + 1, source[1] - reach : source[1] + reach + 1]
-        squared = ((tile.astype(np.int64) - patch) ** 2).sum(axis=2)
-        distance = np.sqrt(offset[:, None] ** 2.0 + offset[None, :] ** 2.0)
-        bell = np.exp(-((distance - radius_px) ** 2) / (2.0 * (_BELL_SHARE * radius_px) ** 2))
-        # In 256ths, so that the cost stays an integer whatever the last bit of the exponential is.
-        weight = np.rint(256 * (1 + _BELL_WEIGHT * (1 - bell))).astype(np.int64)
-        labels = np.full(squared.shape, FREE, dtype=np.uint8)
-        labels[distance <= _CORE_SHARE * radius_px] = TAKE
-        must_keep = (distance > _REACH_SHARE * radius_px) | ~_in_rhombus(rows, cols, tile_rows, tile_cols)
+        squared = squared_differences_on_torus(self.tile, patch, int(rows[0]), int(cols[0]))
+        labels = window.labels.copy()
+        must_keep = ~_in_rhombus(rows, cols, tile_rows, tile_cols)
         if (must_keep & (labels == TAKE)).any():
             return None
         labels[must_keep] = KEEP
-        mask = cut(squared * weight // 256, labels)
+        mask = cut(squared * window.weight // 256, labels)
         pieces, _ = ndimage.label(mask)
         mask = pieces == pieces[reach, reach]
         worst, mean = boundary_cost_delta_e(squared, mask)
@@ -189,6 +185,47 @@ class CandidateFinder:
             worst_delta_e=worst,
             mean_delta_e=mean,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class _Window:
+    """What all cuts of one radius share: a square around the middle with the cut's weights and forced pixels."""
+
+    reach: int
+    offset: NDArray[np.int64]
+    weight: NDArray[np.int64]
+    labels: NDArray[np.uint8]
+
+    @staticmethod
+    def of_radius(radius_px: int, reach: int) -> _Window:
+        offset = np.arange(-reach, reach + 1)
+        distance = np.sqrt(offset[:, None] ** 2.0 + offset[None, :] ** 2.0)
+        bell = np.exp(-((distance - radius_px) ** 2) / (2.0 * (_BELL_SHARE * radius_px) ** 2))
+        # In 256ths, so that the cost stays an integer whatever the last bit of the exponential is.
+        weight = np.rint(256 * (1 + _BELL_WEIGHT * (1 - bell))).astype(np.int64)
+        labels = np.full(distance.shape, FREE, dtype=np.uint8)
+        labels[distance <= _CORE_SHARE * radius_px] = TAKE
+        labels[distance > _REACH_SHARE * radius_px] = KEEP
+        return _Window(reach, offset, weight, labels)
+
+
+@kernel
+def squared_differences_on_torus(
+    tile: NDArray[np.int16], patch: NDArray[np.int16], row: int, col: int
+) -> NDArray[np.int64]:
+    """Squared colour differences, (rows, cols), of a patch laid on a repeating tile with its corner at (row, col)."""
+    rows, cols, channels = patch.shape
+    out = np.empty((rows, cols), dtype=np.int64)
+    for r in range(rows):
+        tile_row = (row + r) % tile.shape[0]
+        for c in range(cols):
+            tile_col = (col + c) % tile.shape[1]
+            total = np.int64(0)
+            for k in range(channels):
+                d = np.int64(patch[r, c, k]) - np.int64(tile[tile_row, tile_col, k])
+                total += d * d
+            out[r, c] = total
+    return out
 
 
 def boundary_cost_delta_e(squared: NDArray[np.int64], mask: Mask) -> tuple[float, float]:

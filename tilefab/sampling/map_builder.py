@@ -79,7 +79,14 @@ def build(
     -------
     TextureMap
         Without patches if no cut is possible, so that it renders the bare tile; the caller may want to warn.
+
+    Raises
+    ------
+    ValueError
+        If the images or the mask differ in size.
     """
+    if not base_lab_d50.shape[:2] == valid.shape == stored.shape[:2]:
+        raise ValueError(f"base {base_lab_d50.shape}, valid {valid.shape} and stored {stored.shape} differ in size")
     base = matching_image(base_lab_d50)
     finder = CandidateFinder(base, valid, tile_source, options.seed)
     radii = patch_radii((tile_source.shape[0], tile_source.shape[1]), largest_valid_square(valid))

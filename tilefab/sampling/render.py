@@ -67,6 +67,8 @@ def render(
         out = np.empty(shape, dtype=texture_map.base.dtype)
     elif out.shape != shape or out.dtype != texture_map.base.dtype or not out.flags.c_contiguous:
         raise ValueError(f"out must be C-contiguous {shape} {texture_map.base.dtype}, not {out.shape} {out.dtype}")
+    elif not out.flags.writeable:
+        raise ValueError("out must be writeable")
     if threads is not None and threads < 1:
         raise ValueError(f"threads must be at least 1, not {threads}")
     key = stream_key(seed, "activation")
@@ -169,7 +171,7 @@ def render_points(texture_map: TextureMap, rows: ArrayLike, cols: ArrayLike, *, 
         flat_cols,
         out,
     )
-    return out.reshape(*row_array.shape, -1)
+    return out.reshape(*row_array.shape, out.shape[1])
 
 
 def _check_coordinates(row: int, col: int, rows: int, cols: int) -> None:

@@ -145,10 +145,11 @@ class TextureMap:
     def _check_patches(self) -> None:
         p = self.patches
         n = len(p)
-        lengths = {len(x) for x in (p.cell_col, p.base_row, p.base_col, p.rows, p.cols, p.worst_delta_e)}
+        columns = (p.cell_col, p.base_row, p.base_col, p.rows, p.cols, p.worst_delta_e, p.mean_delta_e)
+        lengths = {len(x) for x in columns}
         if lengths - {n} or len(p.run_offset) != n + 1 or p.overlaps.shape != (n, n) or not 0 <= p.count_a <= n:
             raise ValueError("the tables of the patches differ in length")
-        if int(p.run_offset[0]) != 0 or int(p.run_offset[-1]) != len(p.runs) or (np.diff(p.run_offset) < 0).any():
+        if int(p.run_offset[0]) != 0 or int(p.run_offset[-1]) != len(p.runs) or (np.diff(p.run_offset) < 1).any():
             raise ValueError("the run table of the patches is out of order")
         if n == 0:
             return
@@ -160,6 +161,9 @@ class TextureMap:
         bad_run |= (row >= p.rows[of_patch]) | (col + length > p.cols[of_patch])
         if outside.any() or bad_run.any():
             raise ValueError("a patch refers to pixels outside the base")
+        follows = (row[1:] > row[:-1]) | ((row[1:] == row[:-1]) & (col[1:] >= col[:-1] + length[:-1]))
+        if not (follows | (of_patch[1:] != of_patch[:-1])).all():
+            raise ValueError("the runs of a patch are not in reading order")
 
     @property
     def tile_shape(self) -> tuple[int, int]:
@@ -194,13 +198,13 @@ class TextureMap:
         """SHA-256 of all that decides pixels, and of the provenance, as 64 hexadecimal digits."""
         digest = hashlib.sha256(f"tilefab texture map {FORMAT_VERSION}\n".encode())
         facts = (
-            self.activation_threshold,
+            int(self.activation_threshold),
             self.space,
-            self.channels,
+            tuple(self.channels),
             repr(float(self.dpi)),
-            [(s.name, s.base_row, s.base_col, s.rows, s.cols) for s in self.slabs],
+            [(s.name, int(s.base_row), int(s.base_col), int(s.rows), int(s.cols)) for s in self.slabs],
             sorted(self.provenance.items()),
-            self.patches.count_a,
+            int(self.patches.count_a),
         )
         digest.update(repr(facts).encode())
         for name, array in self.arrays().items():

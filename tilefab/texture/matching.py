@@ -28,7 +28,7 @@ def reduced(image: NDArray[np.int16], factor: int) -> NDArray[np.int16]:
     if factor == 1:
         return image
     rows, cols = image.shape[0] // factor, image.shape[1] // factor
-    blocks = image[: rows * factor, : cols * factor].reshape(rows, factor, cols, factor, -1)
+    blocks = image[: rows * factor, : cols * factor].reshape(rows, factor, cols, factor, image.shape[2])
     total = blocks.sum(axis=(1, 3), dtype=np.int64)
     mean: NDArray[np.int16] = ((2 * total + factor * factor) // (2 * factor * factor)).astype(np.int16)
     return mean

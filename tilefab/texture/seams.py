@@ -7,6 +7,7 @@ so). All costs are integers, so the cut is the same on every machine.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
@@ -74,30 +75,51 @@ def cut(cost: NDArray[np.int64], labels: NDArray[np.uint8]) -> Mask:
     free = labels == FREE
     if min(cost.shape) < 8 or np.count_nonzero(free) <= _DIRECT_AREA_PX:
         return _cut_directly(cost, labels)
-    coarse = cut(_blocks(cost).max(axis=-1), _coarse_labels(labels))
+    coarse = cut(_coarse_cost(cost), _coarse_labels(labels))
     guess = np.repeat(np.repeat(coarse, 2, axis=0), 2, axis=1)[: cost.shape[0], : cost.shape[1]]
     guess = (guess & (labels != KEEP)) | (labels == TAKE)
-    block = np.ones((2 * _BAND_PX + 1, 2 * _BAND_PX + 1), dtype=bool)
-    inside = ndimage.binary_erosion(guess, block, border_value=1)
-    outside = ~ndimage.binary_dilation(guess, block, border_value=0)
+    inside = _filtered(guess, ndimage.minimum_filter1d, beyond=1)
+    outside = ~_filtered(guess, ndimage.maximum_filter1d, beyond=0)
     banded = labels.copy()
     banded[free & inside] = TAKE
     banded[free & outside] = KEEP
     return _cut_directly(cost, banded)
 
 
-def _blocks(values: NDArray[Number]) -> NDArray[Number]:
-    """Pixels of each 2 x 2 block of an array, edge pixels repeated: (half the rows, half the columns, 4)."""
-    padded = np.pad(values, [(0, n % 2) for n in values.shape], mode="edge")
-    rows, cols = padded.shape
-    return padded.reshape(rows // 2, 2, cols // 2, 2).transpose(0, 2, 1, 3).reshape(rows // 2, cols // 2, 4)
+def _filtered(mask: Mask, rank_filter: Callable[..., NDArray[np.uint8]], beyond: int) -> Mask:
+    """Erode or dilate a mask by a square of the band's width, one axis after the other."""
+    values = mask.view(np.uint8)
+    for axis in (0, 1):
+        values = rank_filter(values, 2 * _BAND_PX + 1, axis=axis, mode="constant", cval=beyond)
+    return values.view(np.bool_)
+
+
+def _quarters(values: NDArray[Number]) -> tuple[NDArray[Number], ...]:
+    """Four arrays of half the size: the top left, top right, bottom left and bottom right pixels of 2 x 2 blocks.
+
+    Edge pixels are repeated where a block would reach beyond the array.
+    """
+    padded = (
+        np.pad(values, [(0, n % 2) for n in values.shape], mode="edge") if any(n % 2 for n in values.shape) else values
+    )
+    return padded[::2, ::2], padded[::2, 1::2], padded[1::2, ::2], padded[1::2, 1::2]
+
+
+def _coarse_cost(cost: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Cost at half size: that of the worst of four pixels."""
+    a, b, c, d = _quarters(cost)
+    return np.maximum(np.maximum(a, b), np.maximum(c, d))
 
 
 def _coarse_labels(labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Labels at half size: a coarse pixel is forced only where its four pixels are forced alike."""
-    blocks = _blocks(labels)
-    first = blocks[..., 0]
-    return np.where((blocks == first[..., None]).all(axis=-1), first, FREE).astype(np.uint8)
+    """Labels at half size: a coarse pixel is forced where any of its four pixels is, unless they are forced both ways.
+
+    Were all four needed, a rim one pixel wide or a lone pixel would be lost, and with it what the cut has to go by.
+    """
+    # FREE, TAKE and KEEP are 0, 1 and 2: the bits of their union tell what a block holds, and both bits mean FREE.
+    a, b, c, d = _quarters(labels)
+    union = a | b | c | d
+    return np.where(union == (TAKE | KEEP), FREE, union).astype(np.uint8)
 
 
 def _cut_directly(cost: NDArray[np.int64], labels: NDArray[np.uint8]) -> Mask:
@@ -116,12 +138,10 @@ def _cut_directly(cost: NDArray[np.int64], labels: NDArray[np.uint8]) -> Mask:
         ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
         ((slice(None, -1), slice(None)), (slice(1, None), slice(None))),
     ):
-        a, b = node[first].ravel(), node[second].ravel()
-        weight = (cost[first] + cost[second]).ravel() + 1
-        matters = a != b
-        heads.append(a[matters])
-        tails.append(b[matters])
-        weights.append(weight[matters])
+        between = np.flatnonzero((free[first] | free[second]) & (node[first] != node[second]))
+        heads.append(node[first].ravel()[between])
+        tails.append(node[second].ravel()[between])
+        weights.append(cost[first].ravel()[between] + cost[second].ravel()[between] + 1)
     head, tail, weight = np.concatenate(heads), np.concatenate(tails), np.concatenate(weights)
     size = n_free + 2
     graph = sparse.coo_matrix(

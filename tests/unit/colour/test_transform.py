@@ -8,7 +8,7 @@ import pytest
 
 from tilefab.colour.lut import backward_axes
 from tilefab.colour.spaces import XYZ_D50_FROM_RGB_LIN, lab_from_xyz, rgb_lin_from_srgb
-from tilefab.colour.transform import PressTransform, scan_to_xyz
+from tilefab.colour.transform import Intent, PressTransform, scan_to_xyz
 from tilefab.errors import ProfileError
 
 SHIPPED = Path(__file__).parents[3] / "profiles" / "demo_ceramic.icc"
@@ -90,7 +90,7 @@ def test_strips_and_threads_never_change_a_value(
 
 
 @pytest.mark.parametrize(("intent", "tag"), [("relative", b"B2A1"), ("perceptual", b"B2A0")])
-def test_inks_are_the_nodes_of_the_profile_s_table(profile: bytes, intent: str, tag: bytes) -> None:
+def test_inks_are_the_nodes_of_the_profile_s_table(profile: bytes, intent: Intent, tag: bytes) -> None:
     entry = profile.index(tag)
     offset = int.from_bytes(profile[entry + 4 : entry + 8], "big")
     grid = profile[offset + 10]
@@ -133,7 +133,7 @@ def test_wrong_profiles_are_explained(profile: bytes, rgb: np.ndarray) -> None:
 def test_misuse_is_refused(profile: bytes) -> None:
     press = PressTransform(profile, "relative", 4)
     with pytest.raises(ValueError, match="intent"):
-        PressTransform(profile, "vivid", 4)
+        PressTransform(profile, "vivid", 4)  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="threads"):
         press.inks_from_lab(np.zeros((1, 1, 3)), threads=0)
     with pytest.raises(ValueError, match="lab_d50"):

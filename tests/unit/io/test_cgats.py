@@ -1,6 +1,7 @@
 """Measurement files: what is read, and what is refused with which line."""
 
 import datetime
+import os
 from contextlib import suppress
 from pathlib import Path
 
@@ -12,8 +13,7 @@ from hypothesis import strategies as st
 from tilefab.errors import ProfileError
 from tilefab.io.cgats import parse_measurements, read_measurements
 
-ROOT = Path(__file__).parents[3]
-REAL = sorted(Path("/work/shared/measurements").glob("*.ti3"))
+REAL = sorted(Path(os.environ.get("TILEFAB_MEASUREMENTS", "absent")).glob("*.ti3"))
 
 GOOD = """CTI3
 
@@ -134,7 +134,7 @@ def test_noise_is_read_or_refused_never_worse(noise: str, place: int) -> None:
         parse_measurements(GOOD[:place] + noise + GOOD[place:], "x")
 
 
-@pytest.mark.skipif(not REAL, reason="no measurements of real presses on this machine")
+@pytest.mark.skipif(not REAL, reason="TILEFAB_MEASUREMENTS names no folder with .ti3 files of real presses")
 def test_measurements_of_real_presses_are_read() -> None:
     for path in REAL:
         read = read_measurements(path)

@@ -7,10 +7,10 @@ import pytest
 
 from sim.press import CeramicPress
 from tilefab.colour.spaces import delta_e_2000, lab_from_xyz, relative_lab
-from tilefab.colour.transform import PressTransform
+from tilefab.colour.transform import Intent, PressTransform
 from tilefab.errors import ProfileError
 from tilefab.io.cgats import Measurements, read_measurements
-from tilefab.io.icc import parse_icc_profile, read_icc_profile, require_press_profile
+from tilefab.io.icc import IccProfile, parse_icc_profile, read_icc_profile, require_press_profile
 from tilefab.pipeline import profiling
 from tilefab.pipeline.profiling import ProfileReport, build_profile, make_profile
 
@@ -26,17 +26,28 @@ def measurements() -> Measurements:
 
 @pytest.fixture(scope="module")
 def small(measurements: Measurements) -> tuple[bytes, ProfileReport]:
-    return make_profile(measurements, "chart", forward_grid=7, backward_grid=17)
+    return make_profile(measurements, "chart", forward_grid=7, backward_grid=9)
 
 
 @pytest.fixture(scope="module")
 def recipes() -> np.ndarray:
     inks = np.random.default_rng(1).random((6000, 4))
-    return inks[inks.sum(axis=1) <= 2.75][:1500]
+    return np.asarray(inks[inks.sum(axis=1) <= 2.75][:1500])
+
+
+def table_of(profile: IccProfile, tag: str) -> np.ndarray:
+    """Grid of a lut16Type element, 0 to 1, one axis for each input and one for outputs (ICC.1:2001-04, 6.5.7)."""
+    entry = profile.data.index(tag.encode(), 132)
+    offset = int.from_bytes(profile.data[entry + 4 : entry + 8], "big")
+    inputs, outputs, grid = profile.data[offset + 8 : offset + 11]
+    entries = int.from_bytes(profile.data[offset + 48 : offset + 50], "big")
+    begin = offset + 52 + 2 * inputs * entries
+    table = np.frombuffer(profile.data, ">u2", grid**inputs * outputs, begin) / 65535.0
+    return np.asarray(table.reshape((grid,) * inputs + (outputs,)))
 
 
 def test_same_measurements_same_bytes(measurements: Measurements, small: tuple[bytes, ProfileReport]) -> None:
-    assert make_profile(measurements, "chart", forward_grid=7, backward_grid=17) == small
+    assert make_profile(measurements, "chart", forward_grid=7, backward_grid=9) == small
 
 
 def test_report_tells_the_quality(small: tuple[bytes, ProfileReport]) -> None:
@@ -44,12 +55,12 @@ def test_report_tells_the_quality(small: tuple[bytes, ProfileReport]) -> None:
     assert report.patches == 800
     assert report.ink_names == ("Blue", "Brown", "Yellow", "Black")
     assert 0.05 < report.model_fit_mean < report.held_out_mean < 0.35
-    assert report.round_trip_mean < 1.0
+    assert report.round_trip_mean < 2.5
     assert 91.0 < report.white_lab[0] < 94.0
     assert report.dark_lab[0] < 20.0
 
 
-def test_shipped_profile_is_of_these_measurements(small: tuple[bytes, ProfileReport], recipes: np.ndarray) -> None:
+def test_shipped_profile_is_of_these_measurements(small: tuple[bytes, ProfileReport]) -> None:
     shipped = require_press_profile(read_icc_profile(SHIPPED))
     rebuilt = parse_icc_profile(small[0], "rebuilt")
     assert len(shipped.data) < 1_000_000
@@ -57,15 +68,17 @@ def test_shipped_profile_is_of_these_measurements(small: tuple[bytes, ProfileRep
     assert shipped.ink_names == rebuilt.ink_names
     assert shipped.white_xyz == pytest.approx(rebuilt.white_xyz, abs=2e-5)
     assert CHART.read_bytes() in shipped.data
-    first, second = (PressTransform(p.data, "relative", 4) for p in (shipped, rebuilt))
-    ours, theirs = (p.lab_from_inks(recipes[np.newaxis])[0] for p in (first, second))
-    assert delta_e_2000(ours, theirs).mean() < 0.4
-    for intent in ("relative", "perceptual"):
-        prints = [
-            first.lab_from_inks(PressTransform(p.data, intent, 4).inks_from_lab(ours[np.newaxis]))[0]  # type: ignore[arg-type]
-            for p in (shipped, rebuilt)
-        ]
-        assert delta_e_2000(*prints).mean() < 0.8
+    # Every second node of 13 is one of 7, and every fourth of 33 one of 9: there both must say the same.
+    forward, again = table_of(shipped, "A2B1"), table_of(rebuilt, "A2B1")
+    assert np.abs(forward[::2, ::2, ::2, ::2] - again).max() <= 4 / 65535
+    printer = PressTransform(shipped.data, "relative", 4)
+    printable = table_of(rebuilt, "gamt")[..., 0] == 0.0
+    assert printable.sum() > 10
+    for tag in ("B2A0", "B2A1"):
+        inks = [table_of(shipped, tag)[::4, ::4, ::4][printable], table_of(rebuilt, tag)[printable]]
+        prints = [printer.lab_from_inks(recipe[np.newaxis])[0] for recipe in inks]
+        assert delta_e_2000(*prints).mean() < 0.1
+        assert np.abs(inks[0] - inks[1]).mean() < 0.05
 
 
 def test_shipped_profile_prints_true_on_the_press_it_was_never_shown(recipes: np.ndarray) -> None:
@@ -84,9 +97,9 @@ def test_shipped_profile_prints_true_on_the_press_it_was_never_shown(recipes: np
 
 
 @pytest.mark.parametrize("intent", ["relative", "perceptual"])
-def test_greys_stay_grey_and_rise(intent: str) -> None:
+def test_greys_stay_grey_and_rise(intent: Intent) -> None:
     shipped = read_icc_profile(SHIPPED)
-    press = PressTransform(shipped.data, intent, 4)  # type: ignore[arg-type]
+    press = PressTransform(shipped.data, intent, 4)
     greys = np.zeros((1, 161, 3))
     greys[0, :, 0] = np.linspace(20.0, 100.0, 161)
     lab = press.lab_from_inks(press.inks_from_lab(greys))[0]
@@ -99,7 +112,7 @@ def test_inks_never_pass_the_limit_anywhere() -> None:
     axis = np.linspace(-128.0, 127.0, 40)
     lab = np.stack(np.meshgrid(np.linspace(0.0, 100.0, 40), axis, axis, indexing="ij"), axis=-1)
     for intent in ("relative", "perceptual", "saturation"):
-        inks = PressTransform(shipped.data, intent, 4).inks_from_lab(lab.reshape(40, -1, 3))  # type: ignore[arg-type]
+        inks = PressTransform(shipped.data, intent, 4).inks_from_lab(lab.reshape(40, -1, 3))
         assert inks.sum(axis=2).max() <= 2.8 + 2e-4
 
 

@@ -151,13 +151,9 @@ def test_every_page_says_which_it_is(reports: dict[str, bytes], name: str, tmp_p
 
 @needs_pdftotext
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_no_word_leaves_the_page_or_touches_another(
-    reports: dict[str, bytes], name: str, tmp_path: Path
-) -> None:
+def test_no_word_leaves_the_page_or_touches_another(reports: dict[str, bytes], name: str, tmp_path: Path) -> None:
     boxes = words_of(reports[name], tmp_path, "-bbox")
-    word = re.compile(
-        r'<word xMin="([\d.-]+)" yMin="([\d.-]+)" xMax="([\d.-]+)" yMax="([\d.-]+)">(.*?)</word>'
-    )
+    word = re.compile(r'<word xMin="([\d.-]+)" yMin="([\d.-]+)" xMax="([\d.-]+)" yMax="([\d.-]+)">(.*?)</word>')
     for number, page in enumerate(boxes.split("<page ")[1:], 1):
         words = [(*map(float, found[:4]), html.unescape(found[4])) for found in word.findall(page)]
         assert words
@@ -168,8 +164,7 @@ def test_no_word_leaves_the_page_or_touches_another(
             assert y1 <= 287 * MM, (number, text)
         # a font's box is higher than its letters: compare the middle half of each
         inner = [
-            (x0 + 0.3, y0 + 0.25 * (y1 - y0), x1 - 0.3, y1 - 0.25 * (y1 - y0), text)
-            for x0, y0, x1, y1, text in words
+            (x0 + 0.3, y0 + 0.25 * (y1 - y0), x1 - 0.3, y1 - 0.25 * (y1 - y0), text) for x0, y0, x1, y1, text in words
         ]
         inner.sort(key=lambda box: box[1])
         for place, one in enumerate(inner):
@@ -179,9 +174,7 @@ def test_no_word_leaves_the_page_or_touches_another(
                 assert other[0] >= one[2] or one[0] >= other[2], (number, one, other)
 
 
-@pytest.mark.parametrize(
-    ("count", "limit"), [(0, 5), (1, 1), (5, 5), (6, 5), (1000, 60), (7, 1), (10**6, 60)]
-)
+@pytest.mark.parametrize(("count", "limit"), [(0, 5), (1, 1), (5, 5), (6, 5), (1000, 60), (7, 1), (10**6, 60)])
 def test_contact_faces_are_even_and_hold_both_ends(count: int, limit: int) -> None:
     chosen = contact_faces(count, limit)
     assert len(chosen) == min(count, limit)
