@@ -21,13 +21,14 @@ from tilefab.types import SizeMm, SizePx
         (25.4, 360, 360),
         (0, 400, 0),
         (0.4999, 25.4, 0),
-        # At 25.4 dpi a pixel is a millimetre: halves go up, below zero too.
-        (0.5, 25.4, 1),
-        (1.5, 25.4, 2),
-        (2.5, 25.4, 3),
-        (-0.5, 25.4, 0),
-        (-0.75, 25.4, -1),
-        (-1.0, 25.4, -1),
+        # At one dot per inch: halves go up, below zero too.
+        (12.7, 1, 1),
+        (38.1, 1, 2),
+        (63.5, 1, 3),
+        (63.4, 1, 2),
+        (-12.7, 1, 0),
+        (-19.05, 1, -1),
+        (-25.4, 1, -1),
     ],
 )
 def test_pixels_of_a_length(length_mm: float, dpi: float, px: int) -> None:

@@ -253,3 +253,42 @@ def test_points_out_of_range_or_between_pixels_are_refused(maps: dict[str, Any],
     for rows, cols in ((bad, 0), (0, bad)):
         with pytest.raises(ValueError, match=r"must be integers|beyond"):
             render_points(maps["inks"].map, rows, cols, seed=0)
+
+
+@pytest.mark.parametrize("side", [(40, 30), (41, 31)])
+def test_patches_that_reach_to_the_tips_of_the_rhombus(
+    hand_map: Callable[..., TextureMap], side: tuple[int, int]
+) -> None:
+    """One column and one row of pixels as long as the rhombus allows: the most a region has to look around itself."""
+    rows, cols = side
+    tall = [r for r in range(-rows, 2 * rows) if abs(2 * r + 1 - rows) + 1.5 < 2 * rows - 1]
+    wide = [c for c in range(-cols, 2 * cols) if abs(2 * c + 1 - cols) + 1.5 < 2 * cols - 1]
+    tall_runs = [[r, 0, 1] for r in range(len(tall))]
+
+    def int32(*values: int) -> NDArray[np.int32]:
+        return np.array(values, dtype=np.int32)
+
+    texture_map = hand_map(
+        base=np.arange(2 * 90 * 90, dtype=np.uint16).reshape(90, 90, 2),
+        tile_source=np.arange(rows * cols, dtype=np.int32).reshape(rows, cols),
+        count_a=1,
+        cell_row=int32(tall[0], rows // 2),
+        cell_col=int32(cols // 2, wide[0]),
+        base_row=int32(1, 80),
+        base_col=int32(70, 2),
+        rows=int32(len(tall), 1),
+        cols=int32(1, len(wide)),
+        run_offset=np.array([0, len(tall), len(tall) + 1]),
+        runs=np.array([*tall_runs, [0, 0, len(wide)]], dtype=np.int32),
+        overlaps=np.zeros((2, 2), dtype=bool),
+        worst_delta_e=np.zeros(2, dtype=np.float32),
+        mean_delta_e=np.zeros(2, dtype=np.float32),
+        activation_threshold=2**32 - 1,
+    )
+    assert min(tall[0], wide[0]) < -14
+    whole = render(texture_map, -60, -60, 150, 150, seed=0)
+    for k in range(150):
+        assert_array_equal(render(texture_map, -60 + k, -60, 1, 150, seed=0)[0], whole[k])
+        assert_array_equal(render(texture_map, -60, -60 + k, 150, 1, seed=0)[:, 0], whole[:, k])
+    grid = np.arange(-60, 90)
+    assert_array_equal(render_points(texture_map, grid[:, None], grid, seed=0), whole)

@@ -48,8 +48,7 @@ def test_closest_signatures_equals_brute_force():
     found = closest_signatures(signatures)
     assert (found.first, found.second, found.value) == (7, 31, 12.0)
     distances = [
-        sum(int(x).bit_count() for x in signatures[i] ^ signatures[j])
-        for i, j in itertools.combinations(range(40), 2)
+        sum(int(x).bit_count() for x in signatures[i] ^ signatures[j]) for i, j in itertools.combinations(range(40), 2)
     ]
     assert min(distances) == found.value
 
