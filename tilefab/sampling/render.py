@@ -14,7 +14,7 @@ from tilefab.sampling.texture_map import TextureMap
 from tilefab.types import Array
 
 COORDINATE_LIMIT = 1 << 60
-_STRIP_BYTES = 1 << 20
+_STRIP_BYTES = 1 << 22
 
 
 def render(
@@ -76,10 +76,9 @@ def render(
         return out
     strips = max(1, min(rows, out.nbytes // _STRIP_BYTES))
     bounds = [rows * k // strips for k in range(strips + 1)]
-    flat = out.reshape(rows, -1)
 
     def strip(k: int) -> None:
-        _render_strip(texture_map, key, row + bounds[k], col, flat[bounds[k] : bounds[k + 1]])
+        _render_strip(texture_map, key, row + bounds[k], col, out[bounds[k] : bounds[k + 1]])
 
     workers = min(threads or os.cpu_count() or 1, strips)
     if workers == 1:
@@ -93,11 +92,12 @@ def render(
 
 def _render_strip(texture_map: TextureMap, key: np.uint64, row: int, col: int, out: Array) -> None:
     patches = texture_map.patches
-    base, tile = texture_map.base, texture_map.tile
     render_rows_into(
-        base.reshape(base.shape[0], -1),
-        tile.reshape(tile.shape[0], -1),
-        base.shape[2],
+        texture_map.base.reshape(-1),
+        texture_map.base.shape[1],
+        texture_map.tile.reshape(-1),
+        *texture_map.tile_shape,
+        texture_map.base.shape[2],
         patches.count_a,
         patches.cell_row,
         patches.cell_col,
@@ -112,7 +112,9 @@ def _render_strip(texture_map: TextureMap, key: np.uint64, row: int, col: int, o
         key,
         row,
         col,
-        out,
+        out.shape[0],
+        out.shape[1],
+        out.reshape(-1),
     )
 
 

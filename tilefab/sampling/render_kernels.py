@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tilefab.jit import kernel
+from tilefab.jit import copy_elements, kernel
 from tilefab.sampling.activation import active_patches
 from tilefab.types import Array, Mask
 
@@ -13,7 +13,10 @@ from tilefab.types import Array, Mask
 @kernel
 def render_rows_into(
     base: Array,
+    base_cols_px: int,
     tile: Array,
+    tile_rows: int,
+    tile_cols: int,
     channels: int,
     count_a: int,
     cell_rows: NDArray[np.int32],
@@ -29,24 +32,24 @@ def render_rows_into(
     key: np.uint64,
     row: int,
     col: int,
+    rows: int,
+    cols: int,
     out: Array,
 ) -> None:
-    """Render the region whose top left pixel is (row, col) into ``out``.
+    """Render the region of rows x cols pixels whose top left pixel is (row, col) into ``out``.
 
-    ``base``, ``tile`` and ``out`` are (rows, cols * channels): rows of interleaved pixels.
+    ``base``, ``tile`` and ``out`` are flat arrays of interleaved pixels. Every run lies within them, since a texture
+    map is checked when it is made.
     """
-    rows, cols = out.shape[0], out.shape[1] // channels
-    tile_rows, tile_cols = tile.shape[0], tile.shape[1] // channels
     for r in range(rows):
         tile_row = (row + r) % tile_rows
         c = 0
         while c < cols:
             tile_col = (col + c) % tile_cols
-            length = min(tile_cols - tile_col, cols - c) * channels
-            to, start = c * channels, tile_col * channels
-            for k in range(length):
-                out[r, to + k] = tile[tile_row, start + k]
-            c += tile_cols - tile_col
+            length = min(tile_cols - tile_col, cols - c)
+            begin = (tile_row * tile_cols + tile_col) * channels
+            copy_elements(out, (r * cols + c) * channels, tile, begin, length * channels)
+            c += length
     active = np.empty(len(overlaps), dtype=np.int64)
     clashes = np.empty(len(overlaps), dtype=np.int64)
     # A patch reaches at most half a cell beyond its own cell: the rhombus ends at the neighbours' centres.
@@ -68,12 +71,12 @@ def render_rows_into(
                     if r < 0 or r >= rows:
                         continue
                     start = left + runs[run, 1]
-                    begin = max(start, 0)
-                    end = min(start + runs[run, 2], cols)
-                    base_row = base_rows[patch] + runs[run, 0]
-                    offset = (base_cols[patch] - left) * channels
-                    for x in range(begin * channels, end * channels):
-                        out[r, x] = base[base_row, x + offset]
+                    c = max(start, 0)
+                    length = min(start + runs[run, 2], cols) - c
+                    if length > 0:
+                        base_row, base_col = base_rows[patch] + runs[run, 0], base_cols[patch] + c - left
+                        begin = (base_row * base_cols_px + base_col) * channels
+                        copy_elements(out, (r * cols + c) * channels, base, begin, length * channels)
 
 
 @kernel
