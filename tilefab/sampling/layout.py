@@ -61,6 +61,11 @@ class PlaneLayout:
     tile_cols: int
     columns: int = 1
 
+    def __post_init__(self) -> None:
+        sizes = (self.face_rows, self.face_cols, self.tile_rows, self.tile_cols, self.columns)
+        if min(sizes) < 1 or self.bleed_px < 0:
+            raise ValueError(f"sizes {sizes} must be at least 1 and the bleed of {self.bleed_px} px not negative")
+
     def face(self, index: int) -> Region:
         """Region that face ``index`` shows, bleed included.
 

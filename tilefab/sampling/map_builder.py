@@ -41,6 +41,12 @@ class BuildOptions:
     seed: int = 0
     threads: int | None = None
 
+    def __post_init__(self) -> None:
+        if self.patches < 0 or not self.active_per_cell >= 0:
+            raise ValueError(f"{self.patches} patches, {self.active_per_cell} active a cell: neither can be negative")
+        if self.threads is not None and self.threads < 1:
+            raise ValueError(f"threads must be at least 1, not {self.threads}")
+
 
 def build(
     base_lab_d50: NDArray[np.float32],

@@ -283,8 +283,13 @@ def _seam_jumps(base: NDArray[np.int16], source: NDArray[np.int32]) -> NDArray[n
         neighbour = np.roll(source, -1, axis=axis)
         seam = neighbour != source + step
         here, there = source[seam], neighbour[seam]
-        runs_on = np.minimum(here + step, len(flat) - 1)
-        comes_from = np.maximum(there - step, 0)
+        # At an edge of the exemplar nothing is known beyond it: its last pixel stands in for what would follow.
+        if axis == 0:
+            runs_on = np.where(here + step < len(flat), here + step, here)
+            comes_from = np.where(there >= step, there - step, there)
+        else:
+            runs_on = here + ((here + 1) % base.shape[1] != 0)
+            comes_from = there - (there % base.shape[1] != 0)
         ahead = ((flat[runs_on] - flat[there]) ** 2).sum(axis=1)
         behind = ((flat[comes_from] - flat[here]) ** 2).sum(axis=1)
         total[seam] += (ahead + behind) / 2
