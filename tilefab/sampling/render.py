@@ -91,24 +91,13 @@ def render(
 
 
 def _render_strip(texture_map: TextureMap, key: np.uint64, row: int, col: int, out: Array) -> None:
-    patches = texture_map.patches
     render_rows_into(
         texture_map.base.reshape(-1),
         texture_map.base.shape[1],
         texture_map.tile.reshape(-1),
         *texture_map.tile_shape,
         texture_map.base.shape[2],
-        patches.count_a,
-        patches.cell_row,
-        patches.cell_col,
-        patches.base_row,
-        patches.base_col,
-        patches.rows,
-        patches.cols,
-        patches.run_offset,
-        patches.runs,
-        patches.overlaps,
-        np.uint64(texture_map.activation_threshold),
+        texture_map.patch_tables,
         key,
         row,
         col,
@@ -153,21 +142,10 @@ def render_points(texture_map: TextureMap, rows: ArrayLike, cols: ArrayLike, *, 
     flat_rows: NDArray[np.int64] = np.ascontiguousarray(row_array, dtype=np.int64).ravel()
     flat_cols: NDArray[np.int64] = np.ascontiguousarray(col_array, dtype=np.int64).ravel()
     out = np.empty((flat_rows.size, texture_map.base.shape[2]), dtype=texture_map.base.dtype)
-    patches = texture_map.patches
     render_points_into(
         texture_map.base,
         texture_map.tile,
-        patches.count_a,
-        patches.cell_row,
-        patches.cell_col,
-        patches.base_row,
-        patches.base_col,
-        patches.rows,
-        patches.cols,
-        patches.run_offset,
-        patches.runs,
-        patches.overlaps,
-        np.uint64(texture_map.activation_threshold),
+        texture_map.patch_tables,
         key,
         flat_rows,
         flat_cols,

@@ -7,28 +7,19 @@ from numpy.typing import NDArray
 
 from tilefab.jit import copy_elements, kernel
 from tilefab.sampling.activation import active_patches
-from tilefab.types import Array, Mask
+from tilefab.sampling.texture_map import PatchTables
+from tilefab.types import Array
 
 
 @kernel
 def render_rows_into(
     base: Array,
-    base_cols_px: int,
+    base_cols: int,
     tile: Array,
     tile_rows: int,
     tile_cols: int,
     channels: int,
-    count_a: int,
-    cell_rows: NDArray[np.int32],
-    cell_cols: NDArray[np.int32],
-    base_rows: NDArray[np.int32],
-    base_cols: NDArray[np.int32],
-    patch_rows: NDArray[np.int32],
-    patch_cols: NDArray[np.int32],
-    run_offset: NDArray[np.int64],
-    runs: NDArray[np.int32],
-    overlaps: Mask,
-    threshold: np.uint64,
+    patches: PatchTables,
     key: np.uint64,
     row: int,
     col: int,
@@ -50,8 +41,8 @@ def render_rows_into(
             begin = (tile_row * tile_cols + tile_col) * channels
             copy_elements(out, (r * cols + c) * channels, tile, begin, length * channels)
             c += length
-    active = np.empty(len(overlaps), dtype=np.int64)
-    clashes = np.empty(len(overlaps), dtype=np.int64)
+    active = np.empty(len(patches.overlaps), dtype=np.int64)
+    clashes = np.empty(len(patches.overlaps), dtype=np.int64)
     # A patch reaches at most half a cell beyond its own cell: the rhombus ends at the neighbours' centres.
     first_row = (row - (tile_rows + 1) // 2) // tile_rows
     last_row = (row + rows - 1 + (tile_rows + 1) // 2) // tile_rows
@@ -59,23 +50,28 @@ def render_rows_into(
     last_col = (col + cols - 1 + (tile_cols + 1) // 2) // tile_cols
     for cell_row in range(first_row, last_row + 1):
         for cell_col in range(first_col, last_col + 1):
-            n = active_patches(key, cell_row, cell_col, count_a, overlaps, threshold, active, clashes)
+            n = active_patches(
+                key, cell_row, cell_col, patches.count_a, patches.overlaps, patches.threshold, active, clashes
+            )
             for k in range(n):
                 patch = active[k]
-                top = cell_row * tile_rows + cell_rows[patch] - row
-                left = cell_col * tile_cols + cell_cols[patch] - col
-                if top >= rows or left >= cols or top + patch_rows[patch] <= 0 or left + patch_cols[patch] <= 0:
+                top = cell_row * tile_rows + patches.cell_row[patch] - row
+                left = cell_col * tile_cols + patches.cell_col[patch] - col
+                if top >= rows or left >= cols or top + patches.rows[patch] <= 0 or left + patches.cols[patch] <= 0:
                     continue
-                for run in range(run_offset[patch], run_offset[patch + 1]):
-                    r = top + runs[run, 0]
+                for run in range(patches.run_offset[patch], patches.run_offset[patch + 1]):
+                    r = top + patches.runs[run, 0]
                     if r < 0 or r >= rows:
                         continue
-                    start = left + runs[run, 1]
+                    start = left + patches.runs[run, 1]
                     c = max(start, 0)
-                    length = min(start + runs[run, 2], cols) - c
+                    length = min(start + patches.runs[run, 2], cols) - c
                     if length > 0:
-                        base_row, base_col = base_rows[patch] + runs[run, 0], base_cols[patch] + c - left
-                        begin = (base_row * base_cols_px + base_col) * channels
+                        base_row, base_col = (
+                            patches.base_row[patch] + patches.runs[run, 0],
+                            patches.base_col[patch] + c - left,
+                        )
+                        begin = (base_row * base_cols + base_col) * channels
                         copy_elements(out, (r * cols + c) * channels, base, begin, length * channels)
 
 
@@ -83,17 +79,7 @@ def render_rows_into(
 def render_points_into(
     base: Array,
     tile: Array,
-    count_a: int,
-    cell_rows: NDArray[np.int32],
-    cell_cols: NDArray[np.int32],
-    base_rows: NDArray[np.int32],
-    base_cols: NDArray[np.int32],
-    patch_rows: NDArray[np.int32],
-    patch_cols: NDArray[np.int32],
-    run_offset: NDArray[np.int64],
-    runs: NDArray[np.int32],
-    overlaps: Mask,
-    threshold: np.uint64,
+    patches: PatchTables,
     key: np.uint64,
     rows: NDArray[np.int64],
     cols: NDArray[np.int64],
@@ -105,8 +91,8 @@ def render_points_into(
     """
     tile_rows, tile_cols = tile.shape[0], tile.shape[1]
     # Active patches of the cell last asked for, one memory for each of the two sets.
-    active = np.empty((2, len(overlaps)), dtype=np.int64)
-    clashes = np.empty(len(overlaps), dtype=np.int64)
+    active = np.empty((2, len(patches.overlaps)), dtype=np.int64)
+    clashes = np.empty(len(patches.overlaps), dtype=np.int64)
     known_row = np.zeros(2, dtype=np.int64)
     known_col = np.zeros(2, dtype=np.int64)
     known_count = np.full(2, -1, dtype=np.int64)
@@ -127,24 +113,34 @@ def render_points_into(
             group = (cell_row + cell_col) & 1
             if known_count[group] < 0 or known_row[group] != cell_row or known_col[group] != cell_col:
                 known_count[group] = active_patches(
-                    key, cell_row, cell_col, count_a, overlaps, threshold, active[group], clashes
+                    key,
+                    cell_row,
+                    cell_col,
+                    patches.count_a,
+                    patches.overlaps,
+                    patches.threshold,
+                    active[group],
+                    clashes,
                 )
                 known_row[group], known_col[group] = cell_row, cell_col
             for k in range(known_count[group]):
                 patch = active[group, k]
-                r, c = in_row - cell_rows[patch], in_col - cell_cols[patch]
-                if r < 0 or c < 0 or r >= patch_rows[patch] or c >= patch_cols[patch]:
+                r, c = in_row - patches.cell_row[patch], in_col - patches.cell_col[patch]
+                if r < 0 or c < 0 or r >= patches.rows[patch] or c >= patches.cols[patch]:
                     continue
-                low, high = run_offset[patch], run_offset[patch + 1]
+                low, high = patches.run_offset[patch], patches.run_offset[patch + 1]
                 while high - low > 1:
                     middle = (low + high) // 2
-                    if runs[middle, 0] < r or (runs[middle, 0] == r and runs[middle, 1] <= c):
+                    if patches.runs[middle, 0] < r or (patches.runs[middle, 0] == r and patches.runs[middle, 1] <= c):
                         low = middle
                     else:
                         high = middle
-                if runs[low, 0] == r and runs[low, 1] <= c < runs[low, 1] + runs[low, 2]:
+                if (
+                    patches.runs[low, 0] == r
+                    and patches.runs[low, 1] <= c < patches.runs[low, 1] + patches.runs[low, 2]
+                ):
                     for channel in range(base.shape[2]):
-                        out[i, channel] = base[base_rows[patch] + r, base_cols[patch] + c, channel]
+                        out[i, channel] = base[patches.base_row[patch] + r, patches.base_col[patch] + c, channel]
                     found = True
                     break
             if found:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +74,22 @@ class Patches:
         total = np.concatenate([[0], np.cumsum(self.runs[:, 2], dtype=np.int64)])
         area: NDArray[np.int64] = total[self.run_offset[1:]] - total[self.run_offset[:-1]]
         return area
+
+
+class PatchTables(NamedTuple):
+    """What kernels need of the patches, in a form that they take as one argument; see `Patches`."""
+
+    count_a: int
+    cell_row: NDArray[np.int32]
+    cell_col: NDArray[np.int32]
+    base_row: NDArray[np.int32]
+    base_col: NDArray[np.int32]
+    rows: NDArray[np.int32]
+    cols: NDArray[np.int32]
+    run_offset: NDArray[np.int64]
+    runs: NDArray[np.int32]
+    overlaps: Mask
+    threshold: np.uint64
 
 
 @dataclass(frozen=True)
@@ -177,6 +194,24 @@ class TextureMap:
         tile = np.ascontiguousarray(flat[self.tile_source])
         tile.flags.writeable = False
         return tile
+
+    @cached_property
+    def patch_tables(self) -> PatchTables:
+        """The patches, and the threshold below which they are active, for kernels."""
+        p = self.patches
+        return PatchTables(
+            p.count_a,
+            p.cell_row,
+            p.cell_col,
+            p.base_row,
+            p.base_col,
+            p.rows,
+            p.cols,
+            p.run_offset,
+            p.runs,
+            p.overlaps,
+            np.uint64(self.activation_threshold),
+        )
 
     def with_base(self, base: Array, space: str, channels: tuple[str, ...], **provenance: str) -> TextureMap:
         """Return the same map over another image of the same size: every pixel keeps its place in the stone.
