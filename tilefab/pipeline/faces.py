@@ -16,7 +16,7 @@ from tilefab.pipeline.plan import Plan
 from tilefab.sampling import Region, TextureMap, render
 from tilefab.types import Array
 
-_CODE = re.compile(r"^tilefab face=(\d+) .*\bjob=([0-9a-f]{32})\b")
+_CODE = re.compile(r"^tilefab face=(\d{1,40}) .*\bjob=([0-9a-f]{32})\b")
 _CODE_DIGITS = 32
 _TIFF_SUFFIXES = (".tif", ".tiff")
 

@@ -160,12 +160,10 @@ def test_what_no_package_holds_is_a_problem(folder: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["absent.tif", ".", "~nobody-here/a.tif", "x" * 5000, "slab.tif/a", "a\\u0000b", "a\\nb", ""]
+    "name", ["absent.tif", ".", "~nobody-here/a.tif", "x" * 5000, "slab.tif/a", "a\\u0000b", "a\\nb"]
 )
 @pytest.mark.parametrize("key", ["scans", "press_profile", "input_profile", "masks"])
 def test_a_missing_file_is_a_problem_at_its_line(folder: Path, name: str, key: str) -> None:
-    if name == "" and key in ("masks", "input_profile"):
-        pytest.skip("empty means none")
     changes = {
         "scans": ('"slab.tif"', f'"{name}"'),
         "press_profile": ('"demo_ceramic.icc"', f'"{name}"'),
@@ -177,6 +175,11 @@ def test_a_missing_file_is_a_problem_at_its_line(folder: Path, name: str, key: s
     assert problem.key.endswith(f".{key}")
     assert problem.line == line_of((folder / "job.toml").read_text(), key)
     assert "there is no file" in problem.message
+
+
+@pytest.mark.parametrize("change", [('"slab.tif"', '""'), ('"demo_ceramic.icc"', '""')])
+def test_an_empty_name_is_no_file(folder: Path, change: tuple[str, str]) -> None:
+    assert "there is no file" in refused(ConfigError, folder, change).message
 
 
 def test_a_profile_of_the_wrong_class_is_a_profile_error(folder: Path) -> None:
