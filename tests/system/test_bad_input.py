@@ -92,13 +92,17 @@ CASES: dict[str, tuple[int, list[Change], str]] = {
     "a display profile is to drive the press": (5, [(PROFILE, '"srgb.icc"')], "is a display profile"),
     "a profile is cut short": (5, [(PROFILE, '"cut.icc"')], "it is cut short or damaged"),
     "a picture is to drive the press": (5, [(PROFILE, SCAN)], "is no ICC profile"),
-    "a CMYK scan has no profile": (5, [scan("cmyk.tif")], "a CMYK scan carries no ICC profile"),
+    "a CMYK scan has no profile": (5, [scan("cmyk.tif")], "a CMYK scan without a profile: its colours are unknown"),
     "a scan's profile is damaged": (5, [scan("odd_profile.tif")], "profile"),
-    "a scan's profile is for inks": (5, [scan("wrong_profile.tif")], "its ICC profile is for CMYK"),
+    "a scan's profile is for inks": (5, [scan("wrong_profile.tif")], "its embedded profile is for CMYK"),
     "the scanner's profile is for gray": (5, [setting('input_profile = "gray.icc"')], "its ICC profile is for GRAY"),
     "a map is too small": (6, [("[40, 44]", "[2, 44]")], "a map has 16 to 32,768 pixels a side"),
-    "a scan is too small": (6, [scan("tiny.tif")], "no tile can be grown from this slab"),
+    "a scan is too small": (6, [scan("tiny.tif")], "a texture needs 16 at least"),
 }
+
+
+def is_stage(line: str) -> bool:
+    return line.endswith((" ...", ": done"))
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -118,9 +122,7 @@ def test_bad_input(
     assert "Traceback" not in done.err
     assert done.out == ""
     # Nothing but that line and the stages that were done.
-    assert [line for line in done.err.splitlines() if not line.startswith("error: ")] == [
-        line for line in done.err.splitlines() if line.endswith(": done")
-    ]
+    assert not [line for line in done.err.splitlines() if not line.startswith("error: ") and not is_stage(line)]
     left = snap(workshop.folder)
     assert {name: left[name] for name in before} == before
     assert set(left) - set(before) <= {"out/.lock"}
@@ -194,9 +196,9 @@ def test_wrong_usage(workshop: Any, snap: Callable[[Path], Any], arguments: list
 @pytest.mark.parametrize("faces", ["8", "0:9", "3:3", "-1", "a", "0;3"])
 def test_faces_that_the_job_doesn_t_have(workshop: Any, faces: str) -> None:
     done = workshop.cli("run", workshop.folder / "job.toml", f"--faces={faces}")
-    assert done.code == 3
-    assert len(done.errors) == 1
-    assert done.errors[0].startswith(f"--faces {faces}: ")
+    assert done.code == 2
+    assert f"--faces {faces}: " in done.err
+    assert "Traceback" not in done.err
     assert not workshop.out.exists()
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import typer
 
+from tilefab.cli import main
 from tilefab.cli.main import app
 from tilefab.config.reference import reference
 from tilefab.errors import TilefabError
@@ -72,6 +73,7 @@ def test_exit_codes_of_the_errors_are_documented():
     text = (ROOT / "docs/conventions.md").read_text()
     codes = {kind.exit_code for kind in TilefabError.__subclasses__()}
     assert len(codes) == len(TilefabError.__subclasses__())
+    codes |= {main.REFUSED, main.UNEXPECTED, main.INTERRUPTED}
     for code in codes:
         assert re.search(rf"^\| {code} \|", text, re.MULTILINE)
 

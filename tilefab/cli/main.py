@@ -15,16 +15,24 @@ import typer
 import tilefab
 from tilefab.cli import profile
 from tilefab.cli.progress import Bars
-from tilefab.cli.show import show_map, show_plan, show_result
+from tilefab.cli.show import show_map, show_outcome, show_plan
 from tilefab.config import load_job
 from tilefab.errors import ConfigError, Problem, TilefabError
 from tilefab.io.faces import check_preview_path, write_preview
 from tilefab.io.texture_map_file import load_texture_map
-from tilefab.pipeline.describe import map_facts, plan_facts
-from tilefab.pipeline.faces import code_is_of, face_code, face_region, parse_face_code, write_face
-from tilefab.pipeline.maps import job_maps, kept_texture_map, proof_map, texture_map, texture_map_path
+from tilefab.pipeline.describe import map_facts, outcome_facts, plan_facts
+from tilefab.pipeline.faces import (
+    check_face_code,
+    check_target,
+    code_is_of,
+    face_code,
+    face_region,
+    parse_face_code,
+    write_face,
+)
+from tilefab.pipeline.main_job import do_job
+from tilefab.pipeline.maps import job_maps, proof_map, texture_map, texture_map_path
 from tilefab.pipeline.plan import Plan, plan_job
-from tilefab.pipeline.run import run_job
 from tilefab.pipeline.run_report import job_warnings, write_report
 from tilefab.pipeline.selection import parse_faces
 from tilefab.pipeline.wall import render_wall, wall_index
@@ -113,18 +121,17 @@ def run(
 ) -> None:
     """Make the faces of a job, with manifest and report. A run that was stopped goes on where it stopped."""
     plan = _plan(job, out)
-    indices = parse_faces(faces, plan.job.tile.count)
-    report = None
+    try:
+        indices = parse_faces(faces, plan.job.tile.count)
+    except ConfigError as error:
+        raise typer.BadParameter(error.message) from error
     with Bars() as bars:
-        result = run_job(plan, indices, bars, threads=threads, verify=verify)
-        if plan.job.report.pdf is not False:
-            report = write_report(plan, bars, created=datetime.now(), threads=threads)
-        warnings = job_warnings(texture_map(plan, bars, threads))
-    facts = {**dataclasses.asdict(result), "output": str(result.output), "report": str(report) if report else None}
+        outcome = do_job(plan, indices, bars, created=datetime.now(), threads=threads, verify=verify)
+    facts = outcome_facts(outcome)
     if as_json:
-        _print_json({**facts, "warnings": warnings})
+        _print_json(facts)
     else:
-        show_result(facts, warnings)
+        show_outcome(facts)
 
 
 @app.command("face")
@@ -139,8 +146,11 @@ def face(
     """Re-create one face: print data if FILE ends in .tif, its fired look if in .png or .jpg."""
     plan = _plan(job, out)
     number = _face_number(plan, index)
+    check_target(plan, output)
     with Bars() as bars:
         maps = job_maps(plan, bars, threads)
+        if parse_face_code(index) is not None:
+            check_face_code(plan, maps.press, index)
         kind = write_face(plan, maps, number, output, threads)
     region = face_region(plan, maps.press, number)
     facts = {
@@ -187,6 +197,7 @@ def wall(
     if wall_index(plan, rows - 1, cols - 1, cols, first) >= FACE_LIMIT:
         raise typer.BadParameter("the last face of this wall would be beyond 2**40 - 1; use a smaller --first")
     check_preview_path(output)
+    check_target(plan, output)
     with Bars() as bars:
         maps = job_maps(plan, bars, threads)
         picture = render_wall(
@@ -215,7 +226,7 @@ def map_build(
     """Build a job's texture map, or find it built, in the run's folder."""
     plan = _plan(job, out)
     with Bars() as bars:
-        built = kept_texture_map(plan, bars, threads)
+        built = texture_map(plan, bars, threads, must_keep=True)
     facts = map_facts(built, texture_map_path(plan))
     if as_json:
         _print_json({**facts, "warnings": job_warnings(built)})

@@ -15,7 +15,7 @@ NOTE_STYLE = "yellow"
 class Bars:
     """Shows the stages of a job as bars; implements `tilefab.pipeline.progress.Progress`.
 
-    Without a terminal each stage is a line when it ends, so that a log stays readable.
+    Without a terminal each stage is a line when it begins and one when it ends, so that a log stays readable.
     """
 
     def __init__(self, *, quiet: bool = False) -> None:
@@ -47,6 +47,8 @@ class Bars:
         with self._lock:
             if name not in self._tasks:
                 self._tasks[name] = self._bars.add_task(name, total=1.0)
+                if self._bars.disable:
+                    self._console.print(f"{name} ...")
             self._bars.update(self._tasks[name], completed=share)
             if share >= 1.0 and name not in self._ended:
                 self._ended.add(name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -13,12 +14,14 @@ from tilefab.pipeline.plan import Plan
 
 
 def _table(title: str, rows: Iterable[tuple[str, str]]) -> None:
-    table = Table(title=Text(title), title_justify="left", show_header=False, box=None, pad_edge=False)
+    table = Table(show_header=False, box=None, pad_edge=False)
     table.add_column(style="bold", no_wrap=True)
     table.add_column(overflow="fold")
     for label, value in rows:
         table.add_row(label, Text(value))
-    Console().print(table)
+    console = Console()
+    console.print(Text(title, style="bold"), soft_wrap=True)
+    console.print(table)
 
 
 def show_plan(plan: Plan) -> None:
@@ -39,17 +42,18 @@ def show_map(facts: Mapping[str, object], warnings: Iterable[str]) -> None:
     _warn(warnings)
 
 
-def show_result(facts: Mapping[str, object], warnings: Iterable[str]) -> None:
-    """Print what a run did."""
+def show_outcome(facts: Mapping[str, Any]) -> None:
+    """Print what a run did, what was done to the slab, and the warnings."""
     _table(
         str(facts["output"]),
         [
             ("faces", f"{facts['written']} written, {facts['kept']} there already"),
             ("report", str(facts["report"] or "none")),
             ("texture map", str(facts["texture_map"])[:16]),
+            *((str(entry["step"]).lower(), str(entry["what"])) for entry in facts["preparation"]),
         ],
     )
-    _warn(warnings)
+    _warn(facts["warnings"])
 
 
 def _warn(warnings: Iterable[str]) -> None:
@@ -59,6 +63,10 @@ def _warn(warnings: Iterable[str]) -> None:
 
 
 def _text(value: object) -> str:
+    if isinstance(value, Mapping):
+        return ": ".join(_text(item) for item in value.values())
+    if isinstance(value, list | tuple) and any(isinstance(item, Mapping) for item in value):
+        return "\n".join(_text(item) for item in value)
     if isinstance(value, list | tuple):
         return ", ".join(_text(item) for item in value)
     return "-" if value is None else str(value)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from tilefab.colour.limits import limit_total_ink, max_total_counts, quantise_inks
 from tilefab.colour.lut import BackwardTables, ForwardTable, build_backward, build_forward
 from tilefab.colour.press_model import PressModel, fit_press_model
+from tilefab.colour.preview import reduce_srgb
 from tilefab.colour.separation import SeparationSettings, Separator
 from tilefab.colour.spaces import (
     WHITE_XYZ_D50,
@@ -35,6 +36,7 @@ __all__ = [
     "limit_total_ink",
     "max_total_counts",
     "quantise_inks",
+    "reduce_srgb",
     "relative_lab",
     "scan_to_xyz",
     "srgb_from_xyz",

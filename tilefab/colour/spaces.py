@@ -129,6 +129,13 @@ def rgb_lin_from_srgb(srgb: ArrayLike) -> Float64Array:
     return np.where(encoded <= 0.04045, toe, ((np.maximum(encoded, 0.04045) + 0.055) / 1.055) ** 2.4)
 
 
+def srgb_from_rgb_lin(rgb_lin: ArrayLike) -> Float64Array:
+    """The inverse of `rgb_lin_from_srgb`."""
+    linear = np.asarray(rgb_lin, dtype=np.float64)
+    high = 1.055 * np.maximum(linear, 0.0031308) ** (1.0 / 2.4) - 0.055
+    return np.where(linear <= 0.0031308, 12.92 * linear, high)
+
+
 def srgb_from_xyz(xyz_d50: ArrayLike) -> NDArray[np.float32]:
     """Colours for a screen preview: sRGB of tristimulus values under D50, clipped to what a screen shows.
 
@@ -157,9 +164,7 @@ def srgb_from_xyz(xyz_d50: ArrayLike) -> NDArray[np.float32]:
     [1.0, 1.0, 1.0]
     """
     rgb_lin = np.clip(_triples(xyz_d50, "xyz_d50") @ RGB_LIN_FROM_XYZ_D50.T, 0.0, 1.0)
-    high = 1.055 * np.maximum(rgb_lin, 0.0031308) ** (1.0 / 2.4) - 0.055
-    srgb = np.where(rgb_lin <= 0.0031308, 12.92 * rgb_lin, high)
-    return np.asarray(srgb.round(7).clip(0.0, 1.0), dtype=np.float32)
+    return np.asarray(srgb_from_rgb_lin(rgb_lin).round(7).clip(0.0, 1.0), dtype=np.float32)
 
 
 def delta_e_2000(lab1: ArrayLike, lab2: ArrayLike) -> Any:

@@ -63,8 +63,10 @@ def atomic_path(path: Path) -> Iterator[Path]:
         If the file can't be written.
     """
     make_folder(path.parent)
+    if path.exists() and not path.is_file():
+        raise OutputError(f"{path}: can't write: something that is not a plain file is in the way", path=str(path))
     try:
-        handle, name = tempfile.mkstemp(prefix=TEMPORARY_PREFIX, suffix=path.suffix, dir=path.parent)
+        handle, name = tempfile.mkstemp(prefix=f"{TEMPORARY_PREFIX}{os.getpid()}-", suffix=path.suffix, dir=path.parent)
         os.close(handle)
     except OSError as error:
         raise output_error("write", path, error) from error
@@ -106,10 +108,22 @@ def sync_folder(path: Path) -> None:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove temporary files that a killed process left in a folder this process has locked."""
+    """Remove temporary files of processes that are no more."""
     for path in folder.glob(f"{TEMPORARY_PREFIX}*"):
-        with suppress(OSError):
-            path.unlink()
+        owner = path.name.removeprefix(TEMPORARY_PREFIX).partition("-")[0]
+        if not (owner.isdigit() and _is_alive(int(owner))):
+            with suppress(OSError):
+                path.unlink()
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return process != os.getpid()
 
 
 def _umask() -> int:

@@ -152,6 +152,25 @@ def _record(line: bytes) -> FaceRecord:
     return record
 
 
+def folder_owner(folder: Path) -> str | None:
+    """Hash of the job that a folder belongs to; ``None`` if it is nobody's yet.
+
+    Raises
+    ------
+    OutputError
+        If its record can't be read.
+    """
+    path = folder / JOB_RECORD_NAME
+    if not path.exists():
+        return None
+    try:
+        return str(json.loads(path.read_bytes())["job"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise OutputError(
+            f"{path}: can't be read, so it isn't known whose folder this is; use another output folder", path=str(path)
+        ) from error
+
+
 @contextmanager
 def locked_folder(folder: Path) -> Iterator[None]:
     """Hold an output folder, so that no other run writes to it at the same time.

@@ -15,6 +15,7 @@ from tilefab.types import Array, Mask, SizePx
 _INCH_IN = {"in": 1.0, "inch": 1.0, "cm": 2.54, "m": 0.0254}
 _PLAUSIBLE_DPI = (10.0, 20000.0)
 _OPAQUE = 0.999
+_SEVERAL = "tilefab:several_images"
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +48,24 @@ class Scan:
 
 @dataclass(frozen=True)
 class ScanFacts:
-    """What a scan's header says: size, channels with alpha, type of its numbers, resolution if stated."""
+    """What a scan's header says.
+
+    Attributes
+    ----------
+    size
+        Rows and columns.
+    channels
+        Colour channels, without alpha.
+    dpi
+        Resolution, if a plausible one is stated.
+    icc_profile
+        Embedded profile, if any.
+    """
 
     size: SizePx
     channels: int
-    dtype: str
     dpi: float | None
+    icc_profile: bytes | None
 
 
 def read_scan(path: Path) -> Scan:
@@ -66,8 +79,8 @@ def read_scan(path: Path) -> Scan:
     pixels, spec = _read(path)
     notes: list[str] = []
     valid = np.ones(pixels.shape[:2], dtype=bool)
-    alpha = int(spec.alpha_channel)
-    if 0 <= alpha < pixels.shape[2] and str(spec.channelnames[alpha]).upper() in ("A", "ALPHA"):
+    alpha = _alpha_channel(spec)
+    if alpha is not None:
         opacity = pixels[..., alpha].astype(np.float32)
         if pixels.dtype.kind == "u":
             opacity /= np.iinfo(pixels.dtype).max
@@ -91,10 +104,9 @@ def read_scan(path: Path) -> Scan:
     pixels = np.ascontiguousarray(pixels)
     if pixels.dtype.kind == "f":
         pixels = _finite(path, pixels, valid, notes)
-    dpi = _dpi(spec)
-    profile = spec.getattribute("ICCProfile")
-    icc_profile = None if profile is None else bytes(np.asarray(profile, dtype=np.uint8).tobytes())
-    return Scan(str(path), pixels, valid, dpi, icc_profile, tuple(notes))
+    if spec.getattribute(_SEVERAL):
+        notes.append(f"{path.name} holds several images: only the first is used")
+    return Scan(str(path), pixels, valid, _dpi(spec), _icc_profile(spec), tuple(notes))
 
 
 def read_mask(path: Path, shape: tuple[int, int]) -> Mask:
@@ -112,8 +124,8 @@ def read_mask(path: Path, shape: tuple[int, int]) -> Mask:
             f"{shape[0]}; both must be of one size",
             path=str(path),
         )
-    alpha = int(spec.alpha_channel)
-    colour = np.delete(pixels, alpha, axis=2) if 0 <= alpha < pixels.shape[2] > 1 else pixels
+    alpha = _alpha_channel(spec)
+    colour = pixels if alpha is None or pixels.shape[2] == 1 else np.delete(pixels, alpha, axis=2)
     limit = np.iinfo(pixels.dtype).max / 2 if pixels.dtype.kind == "u" else 0.5
     good: Mask = ~(colour.astype(np.float32).mean(axis=2) > limit)
     if not good.any():
@@ -134,7 +146,8 @@ def scan_facts(path: Path) -> ScanFacts:
     source = _open(path)
     try:
         spec = source.spec()
-        return ScanFacts(SizePx(spec.height, spec.width), spec.nchannels, str(spec.format), _dpi(spec))
+        channels = spec.nchannels - (_alpha_channel(spec) is not None)
+        return ScanFacts(SizePx(spec.height, spec.width), channels, _dpi(spec), _icc_profile(spec))
     finally:
         source.close()
 
@@ -160,13 +173,18 @@ def _read(path: Path) -> tuple[Array, Any]:
     source = _open(path)
     try:
         spec = source.spec()
+        # Whole numbers of other widths are taken to 16 bits, for they are encoded as those are; only floats are linear.
         kind, dtype = {
             oiio.UINT8: (oiio.UINT8, np.uint8),
-            oiio.UINT16: (oiio.UINT16, np.uint16),
-        }.get(spec.format.basetype, (oiio.FLOAT, np.float32))
+            oiio.HALF: (oiio.FLOAT, np.float32),
+            oiio.FLOAT: (oiio.FLOAT, np.float32),
+            oiio.DOUBLE: (oiio.FLOAT, np.float32),
+        }.get(spec.format.basetype, (oiio.UINT16, np.uint16))
         pixels = source.read_image(0, 0, 0, spec.nchannels, kind)
         if pixels is None or source.has_error:
             raise _unreadable(path, source.geterror())
+        spec = oiio.ImageSpec(spec)
+        spec.attribute(_SEVERAL, int(source.seek_subimage(1, 0)))
     except (MemoryError, RuntimeError) as error:
         raise _unreadable(path, str(error)) from error
     finally:
@@ -192,6 +210,18 @@ def _finite(path: Path, pixels: Array, valid: Mask, notes: list[str]) -> Array:
     if negative:
         notes.append(f"{path.name} has {negative} pixels with negative values: they are set to 0")
     return np.where(valid[..., None], np.maximum(pixels, 0), 0).astype(np.float32)
+
+
+def _alpha_channel(spec: Any) -> int | None:
+    # OpenImageIO takes the K of CMYK for an alpha channel: only the name tells.
+    alpha = int(spec.alpha_channel)
+    is_alpha = 0 <= alpha < spec.nchannels and str(spec.channelnames[alpha]).upper() in ("A", "ALPHA")
+    return alpha if is_alpha else None
+
+
+def _icc_profile(spec: Any) -> bytes | None:
+    profile = spec.getattribute("ICCProfile")
+    return None if profile is None else bytes(np.asarray(profile, dtype=np.uint8).tobytes())
 
 
 def _dpi(spec: Any) -> float | None:

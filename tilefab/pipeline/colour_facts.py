@@ -43,7 +43,6 @@ def colour_facts(plan: Plan, maps: JobMaps, faces: list[int]) -> ColourView:
     compared: Intent = "absolute" if colour.intent == "absolute" else "relative"
     transform = PressTransform(plan.press_profile.data, colour.intent, inks.shape[1])
     printed = transform.lab_from_inks(inks[None], intent=compared)[0]
-    absolute = transform.lab_from_inks(inks[None], intent="absolute")[0]
     wanted = transform.inks_from_lab(stone[None])[0]
     colorimetric = PressTransform(plan.press_profile.data, compared, inks.shape[1])
     nearest = colorimetric.lab_from_inks(colorimetric.inks_from_lab(stone[None]), intent=compared)[0]
@@ -69,7 +68,7 @@ def colour_facts(plan: Plan, maps: JobMaps, faces: list[int]) -> ColourView:
             )
             for k, name in enumerate(maps.press.channels)
         ),
-        swatches=_swatches(stone, printed, absolute, random),
+        swatches=_swatches(stone, printed, random),
         slab_lab_sample=plotted.astype(np.float64),
         gamut_ab=_hull(gamut[:, 1:]),
         gamut_lc=_hull(np.stack([gamut[:, 0], np.hypot(gamut[:, 1], gamut[:, 2])], axis=1)),
@@ -101,7 +100,6 @@ def _largest_total(maps: JobMaps) -> float:
 def _swatches(
     stone: NDArray[np.float32],
     printed: NDArray[np.float32],
-    absolute: NDArray[np.float32],
     random: np.random.Generator,
 ) -> tuple[SwatchView, ...]:
     data = stone.astype(np.float64)
@@ -125,7 +123,7 @@ def _swatches(
                 delta_e_2000=float(delta_e_2000(lab_stone, lab_printed)),
                 share=float(members.mean()),
                 rgb_slab=_rgb(lab_stone),
-                rgb_printed=_rgb(absolute[members].mean(axis=0, dtype=np.float64)),
+                rgb_printed=_rgb(lab_printed),
             )
         )
     return tuple(sorted(swatches, key=lambda s: -s.share))

@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from tilefab.pipeline.main_job import JobOutcome
 from tilefab.pipeline.plan import Plan
+from tilefab.pipeline.run_report import preparation_log
 from tilefab.sampling import FORMAT_VERSION, TextureMap
 from tilefab.units import mm_from_px
 
@@ -33,6 +35,26 @@ def plan_facts(plan: Plan) -> dict[str, Any]:
     }
 
 
+def outcome_facts(outcome: JobOutcome) -> dict[str, Any]:
+    """What a run did."""
+    run = outcome.run
+    return {
+        "output": str(run.output),
+        "faces": run.faces,
+        "written": run.written,
+        "kept": run.kept,
+        "texture_map": run.maps.texture.hash,
+        "press_map": run.maps.press.hash,
+        "report": str(outcome.report) if outcome.report else None,
+        "preparation": _log(outcome.preparation),
+        "warnings": list(outcome.warnings),
+    }
+
+
+def _log(entries: tuple[tuple[str, str], ...]) -> list[dict[str, str]]:
+    return [{"step": step, "what": what} for step, what in entries]
+
+
 def map_facts(texture: TextureMap, path: Path) -> dict[str, Any]:
     """What a texture map holds."""
     patches = texture.patches
@@ -56,4 +78,5 @@ def map_facts(texture: TextureMap, path: Path) -> dict[str, Any]:
         "activation_probability": round(texture.activation_threshold / 2**32, 6),
         "slabs": [slab.name for slab in texture.slabs],
         "method": texture.provenance.get("method"),
+        "preparation": _log(preparation_log(texture)),
     }

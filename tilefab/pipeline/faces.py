@@ -10,14 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilefab.errors import OutputError
-from tilefab.io.faces import PREVIEW_SUFFIXES, PrintTags, write_preview, write_print_tiff
-from tilefab.pipeline.maps import JobMaps, proof_map
+from tilefab.io.faces import PREVIEW_SUFFIXES, PrintTags, pixel_hash, write_preview, write_print_tiff
+from tilefab.io.manifest import JOB_RECORD_NAME, MANIFEST_NAME, Manifest
+from tilefab.pipeline.maps import MAPS_FOLDER, JobMaps, proof_map
 from tilefab.pipeline.plan import Plan
 from tilefab.sampling import Region, TextureMap, render
 from tilefab.types import Array
 
 _CODE = re.compile(r"^tilefab face=(\d{1,40}) .*\bjob=([0-9a-f]{32})\b")
 _CODE_DIGITS = 32
+FACES_FOLDER = "faces"
+PROOFS_FOLDER = "proofs"
 _TIFF_SUFFIXES = (".tif", ".tiff")
 
 
@@ -78,12 +81,67 @@ def code_is_of(plan: Plan, code: FaceCode) -> bool:
     return plan.job_hash.startswith(code.job)
 
 
+def check_face_code(plan: Plan, press: TextureMap, text: str) -> None:
+    """Make sure that a code says just what this job and its map now say of that face.
+
+    Raises
+    ------
+    OutputError
+        If it doesn't: the face would be another than the one the code was printed beside.
+    """
+    code = parse_face_code(text)
+    now = face_code(plan, press, code.index) if code is not None else ""
+    if " ".join(text.split()) != now:
+        raise OutputError(
+            f"this code was printed beside another face than this job makes now (`{now}`): bring back the folder it "
+            "was printed from, with its maps, and name it with --out"
+        )
+
+
+def check_target(plan: Plan, path: Path) -> None:
+    """Refuse to write a result over a file that the job reads, or that its run records.
+
+    Raises
+    ------
+    OutputError
+        If ``path`` is such a file.
+    """
+    target = path.resolve()
+    read = {scan.path for scan in plan.scans} | {scan.mask for scan in plan.scans if scan.mask}
+    read |= {plan.job_file.path.resolve(), Path(plan.press_profile.path).resolve()}
+    if plan.input_profile is not None:
+        read.add(Path(plan.input_profile.path).resolve())
+    if target in read:
+        raise OutputError(f"{path}: the job reads this file; write to another", path=str(path))
+    own = (plan.output / MANIFEST_NAME, plan.output / JOB_RECORD_NAME)
+    folders = (plan.output / FACES_FOLDER, plan.output / PROOFS_FOLDER, plan.output / MAPS_FOLDER)
+    if target in own or any(target.is_relative_to(folder) for folder in folders):
+        raise OutputError(f"{path}: belongs to the run in {plan.output}; write to another file", path=str(path))
+
+
+def check_face_record(plan: Plan, index: int, pixels: Array) -> None:
+    """Make sure that a face made again is the one that the run recorded, if it did.
+
+    Raises
+    ------
+    OutputError
+        If the manifest of the job's folder holds other pixels for it.
+    """
+    record = Manifest(plan.output).records.get(index)
+    if record is not None and record.job == plan.job_hash and record.sha256 != pixel_hash(pixels):
+        raise OutputError(
+            f"{plan.output / MANIFEST_NAME}: face {index} was printed with other pixels than the map gives now; bring "
+            "back the map it was printed from",
+            path=str(plan.output / MANIFEST_NAME),
+        )
+
+
 def print_tags(plan: Plan, press: TextureMap, index: int) -> PrintTags:
     """What the print file of a face says about itself."""
     return PrintTags(
         dpi=plan.job.tile.dpi,
         icc_profile=plan.press_profile.data,
-        ink_names=press.channels,
+        ink_names=plan.ink_names,
         description=face_code(plan, press, index),
         compression=plan.job.output.compression,
     )
@@ -105,6 +163,7 @@ def write_face(plan: Plan, maps: JobMaps, index: int, path: Path, threads: int |
     suffix = path.suffix.lower()
     if suffix in _TIFF_SUFFIXES:
         pixels = render_face(plan, maps.press, index, threads=threads)
+        check_face_record(plan, index, pixels)
         write_print_tiff(path, pixels, print_tags(plan, maps.press, index))
         return "print"
     if suffix not in PREVIEW_SUFFIXES:

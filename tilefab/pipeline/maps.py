@@ -13,6 +13,7 @@ from tilefab.colour import PressTransform, limit_total_ink, quantise_inks, srgb_
 from tilefab.colour.encoding import LAB16_CHANNELS, LAB16_SPACE, decode_lab16, encode_lab16
 from tilefab.errors import OutputError, SynthesisError, TextureMapError
 from tilefab.io.atomic import make_folder
+from tilefab.io.manifest import folder_owner
 from tilefab.io.texture_map_file import SUFFIX, load_texture_map, save_texture_map
 from tilefab.pipeline.plan import Plan
 from tilefab.pipeline.prepare import PreparedSlab, prepare_slab
@@ -27,6 +28,7 @@ RGB_SPACE = "srgb8"
 _DEFAULT_MAP_SCALE = 1.5
 _LARGEST_DEFAULT_MAP_PX = 4096
 _SMALLEST_MAP_PX = 16
+MIN_SLAB_PX = 16
 _STRIP_ROWS = 256
 _KEY_DIGITS = 16
 _BLACK_CHANNEL = 3
@@ -48,51 +50,64 @@ class JobMaps:
     press: TextureMap
 
 
-def job_maps(plan: Plan, progress: Progress, threads: int | None = None) -> JobMaps:
+def job_maps(plan: Plan, progress: Progress, threads: int | None = None, *, must_keep: bool = False) -> JobMaps:
     """Texture map and press map of a job, from the run's folder if they are there, else made and kept there.
 
-    A folder that can't be written to is no error here: the maps are then made in memory, with a note.
+    Parameters
+    ----------
+    plan, progress
+        The job, and who watches.
+    threads
+        For making them; changes nothing else.
+    must_keep
+        Whether it is an error if they can't be kept. If not, they are made in memory with a note where the folder can't
+        be written to or is another job's.
 
     Raises
     ------
     ImageError, ProfileError, SynthesisError
         If the map can't be made.
+    OutputError
+        If it must be kept and can't be.
     """
-    texture = texture_map(plan, progress, threads)
+    texture = texture_map(plan, progress, threads, must_keep=must_keep)
     path = plan.output / MAPS_FOLDER / f"{plan.map_key[:_KEY_DIGITS]}-{plan.press_key[:_KEY_DIGITS]}.press{SUFFIX}"
     press = _load(path, "press_key", f"{plan.press_key} {texture.hash}", progress)
     if press is None:
         press = convert_map(plan, texture, progress, threads)
-        _save(path, press, progress)
+        _save(plan, path, press, progress, must_keep)
     return JobMaps(texture, press)
 
 
-def texture_map(plan: Plan, progress: Progress, threads: int | None = None) -> TextureMap:
+def texture_map(plan: Plan, progress: Progress, threads: int | None = None, *, must_keep: bool = False) -> TextureMap:
     """Texture map of a job; see `job_maps`."""
     path = texture_map_path(plan)
     texture = _load(path, "map_key", plan.map_key, progress)
     if texture is None:
+        if must_keep:
+            # Before minutes of work, not after.
+            check_owner(plan)
+            make_folder(path.parent)
         texture = build_map(plan, progress, threads)
-        _save(path, texture, progress)
+        _save(plan, path, texture, progress, must_keep)
     return texture
 
 
-def kept_texture_map(plan: Plan, progress: Progress, threads: int | None = None) -> TextureMap:
-    """Texture map of a job, which is then in the run's folder for sure.
+def check_owner(plan: Plan) -> None:
+    """Make sure that the run's folder is this job's or nobody's.
 
     Raises
     ------
     OutputError
-        If it can't be written.
-    ImageError, ProfileError, SynthesisError
-        If it can't be made.
+        If it is another job's, or its record can't be read.
     """
-    path = texture_map_path(plan)
-    make_folder(path.parent)
-    texture = texture_map(plan, progress, threads)
-    if not path.exists():
-        save_texture_map(path, texture)
-    return texture
+    owner = folder_owner(plan.output)
+    if owner is not None and owner != plan.job_hash:
+        raise OutputError(
+            f"{plan.output}: holds the faces of another job, or of this job with other settings; use another folder "
+            "(--out DIR), or remove this one",
+            path=str(plan.output),
+        )
 
 
 def texture_map_path(plan: Plan) -> Path:
@@ -111,6 +126,11 @@ def build_map(plan: Plan, progress: Progress, threads: int | None = None) -> Tex
         If no tile can be grown from them.
     """
     slab = prepare_slab(plan, progress)
+    if min(slab.valid.shape) < MIN_SLAB_PX:
+        raise SynthesisError(
+            f"the stone is {slab.valid.shape[1]} x {slab.valid.shape[0]} pixels at {plan.job.tile.dpi:g} dpi; a "
+            f"texture needs {MIN_SLAB_PX} at least: use a larger scan, or check dpi"
+        )
     stored = encode_lab16(slab.lab_d50)
     # From here on the stored numbers count, so that a map can be rebuilt from its own base.
     lab = decode_lab16(stored)
@@ -201,7 +221,7 @@ def convert_map(plan: Plan, texture: TextureMap, progress: Progress, threads: in
     return texture.with_base(
         base,
         space=f"ink{plan.job.output.bits}",
-        channels=plan.ink_names,
+        channels=plan.press_profile.ink_names,
         press_key=f"{plan.press_key} {texture.hash}",
         press_profile=plan.press_profile.sha256,
     )
@@ -234,8 +254,11 @@ def _load(path: Path, key: str, expected: str, progress: Progress) -> TextureMap
     return loaded if loaded.provenance.get(key) == expected else None
 
 
-def _save(path: Path, texture: TextureMap, progress: Progress) -> None:
+def _save(plan: Plan, path: Path, texture: TextureMap, progress: Progress, must_keep: bool) -> None:
     try:
+        check_owner(plan)
         save_texture_map(path, texture)
     except OutputError as error:
+        if must_keep:
+            raise
         progress.note(f"The map was not kept: {error.message}")

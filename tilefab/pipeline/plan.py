@@ -11,7 +11,7 @@ from pathlib import Path
 
 from tilefab.config import Job, JobFile
 from tilefab.errors import ConfigError, ImageError, Problem, ProfileError
-from tilefab.io.icc import IccProfile, read_icc_profile, require_press_profile
+from tilefab.io.icc import IccProfile, parse_icc_profile, read_icc_profile, require_press_profile
 from tilefab.io.scans import ScanFacts, scan_facts
 from tilefab.sampling import FORMAT_VERSION, PlaneLayout
 from tilefab.types import SizeMm, SizePx
@@ -119,6 +119,32 @@ class Plan:
         )
 
 
+def check_scan_profile(path: Path, channels: int, profile: bytes | None) -> None:
+    """Make sure that a scan's colours are known.
+
+    Raises
+    ------
+    ProfileError
+        If its profile is damaged or for other channels, or a CMYK scan has none.
+    """
+    expected = {1: "GRAY", 3: "RGB", 4: "CMYK"}.get(channels)
+    if profile is None:
+        if channels == 4:
+            raise ProfileError(
+                f"{path}: a CMYK scan without a profile: its colours are unknown; embed the profile, name it as "
+                "input_profile, or scan as RGB",
+                path=str(path),
+            )
+        return
+    parsed = parse_icc_profile(profile, f"{path} (embedded profile)")
+    if expected is not None and parsed.colour_space != expected:
+        raise ProfileError(
+            f"{path}: its embedded profile is for {parsed.colour_space}, but the scan is {expected}; save it again "
+            "with a profile that fits, or name one as input_profile",
+            path=str(path),
+        )
+
+
 def shipped_profiles() -> Path:
     """Folder of the press profiles that come with tilefab."""
     package = Path(str(importlib.resources.files("tilefab")))
@@ -217,8 +243,33 @@ class _Planner:
                 message = f"{path} doesn't state its resolution; say it with dpi = ... in [slab]"
                 self.problems.append(self.file.problem("slab", "scans", message))
                 continue
-            scans.append(SlabScan(path, mask, facts, dpi))
+            if self._colours_are_known(path, facts) and (mask is None or self._mask_fits(mask, path, facts)):
+                scans.append(SlabScan(path, mask, facts, dpi))
         return tuple(scans)
+
+    def _colours_are_known(self, path: Path, facts: ScanFacts) -> bool:
+        """Whether a scan's own profile, or the lack of one, will do; an input profile of the job is checked apart."""
+        try:
+            if self.job.slab.input_profile is None:
+                check_scan_profile(path, facts.channels, facts.icc_profile)
+        except ProfileError as error:
+            self._add("scans", error)
+            return False
+        return True
+
+    def _mask_fits(self, mask: Path, path: Path, facts: ScanFacts) -> bool:
+        try:
+            size = scan_facts(mask).size
+            if size != facts.size:
+                raise ImageError(
+                    f"{mask}: the mask has {size.cols} x {size.rows} pixels but its scan {path.name} "
+                    f"{facts.size.cols} x {facts.size.rows}; both must be of one size",
+                    path=str(mask),
+                )
+        except ImageError as error:
+            self._add("masks", error)
+            return False
+        return True
 
     def _input_profile(self) -> IccProfile | None:
         name = self.job.slab.input_profile

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilefab.colour import lab_from_xyz, scan_to_xyz
-from tilefab.errors import ImageError
+from tilefab.errors import ImageError, ProfileError
 from tilefab.io.scans import read_mask, read_scan
 from tilefab.pipeline.plan import Plan, SlabScan
 from tilefab.pipeline.progress import Progress
@@ -23,14 +23,18 @@ from tilefab.slab import (
     match_slabs,
     remove_lighting,
     resample,
+    resampled_size,
     square_slab,
 )
-from tilefab.types import FloatImage, Mask
+from tilefab.types import FloatImage, Mask, SizePx
 from tilefab.units import px_from_mm
 
 STAGE = "Preparing the slab"
 _STRIP_ROWS = 512
 _ENLARGED_TOO_FAR = 1.5
+_BRIGHTER_THAN_WHITE = np.float32(1.05)
+_BRIGHT_SHARE_TOO_FAR = 0.2
+_MOST_PIXELS = 1 << 29
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +104,13 @@ def prepare_slab(plan: Plan, progress: Progress) -> PreparedSlab:
     labs: list[FloatImage] = []
     for number, scan in enumerate(plan.scans):
         scale = plan.job.tile.dpi / scan.dpi
+        size = resampled_size(SizePx(*valids[number].shape), scale)
+        if size.rows * size.cols > _MOST_PIXELS:
+            raise ImageError(
+                f"{scan.path}: {scan.dpi:g} dpi printed at {plan.job.tile.dpi:g} dpi makes {size.cols} x {size.rows} "
+                "pixels, more than a slab can have; check both dpi",
+                path=str(scan.path),
+            )
         image, valid, record = resample(images[number], valids[number], scale)
         images[number] = image[:0]
         log.append(_entry("Resolution", scan.path, record.summary))
@@ -156,8 +167,21 @@ def _read_linear(plan: Plan, planned: SlabScan, log: list[tuple[str, str]]) -> t
             f"{source}",
         )
     )
-    xyz = scan_to_xyz(scan.pixels, profile, threads=os.cpu_count() or 1)
-    return np.maximum(xyz, 0), np.ascontiguousarray(valid)
+    try:
+        xyz = np.maximum(scan_to_xyz(scan.pixels, profile, threads=os.cpu_count() or 1), 0)
+    except ProfileError as error:
+        raise ProfileError(f"{planned.path}: {error.message}", path=str(planned.path)) from error
+    bright = float((xyz[..., 1] > _BRIGHTER_THAN_WHITE)[valid].mean())
+    if bright > _BRIGHT_SHARE_TOO_FAR:
+        raise ImageError(
+            f"{planned.path}: {100 * bright:.0f} % of the stone is brighter than white; scale the image so that white "
+            "is 1, and export it again",
+            path=str(planned.path),
+        )
+    if bright > 0:
+        log.append(_entry("Brightness", planned.path, f"{100 * bright:.2f} % is brighter than white and becomes white"))
+        np.minimum(xyz, _BRIGHTER_THAN_WHITE, out=xyz)
+    return xyz, np.ascontiguousarray(valid)
 
 
 def _even_lighting(plan: Plan, images: list[FloatImage], valids: list[Mask], log: list[tuple[str, str]]) -> None:

@@ -25,6 +25,7 @@ Progress = Callable[[str, float], None]
 FORWARD_GRID = 13
 BACKWARD_GRID = 33
 _CHECKED_RECIPES = 4000
+_LEAST_LIMIT_PERCENT = 100.0
 _COPYRIGHT = "No copyright, use freely"
 _THREADS = 2
 
@@ -100,9 +101,10 @@ def make_profile(
     inks = measurements.ink_frac.shape[1]
     if inks != 4:
         raise ProfileError(f"{name}: has {inks} inks, but profiles are built for 4: print a 4-ink chart", path=name)
-    if not 0.0 < ink_limit_percent <= 100.0 * inks:
+    if not _LEAST_LIMIT_PERCENT <= ink_limit_percent <= 100.0 * inks:
         raise ProfileError(
-            f"{name}: an ink limit of {ink_limit_percent:g} % makes no sense: give 1 to {100 * inks} %",
+            f"{name}: an ink limit of {ink_limit_percent:g} % makes no sense: give {_LEAST_LIMIT_PERCENT:g} to "
+            f"{100 * inks} %",
             path=name,
         )
     most = 100.0 * float(measurements.ink_frac.sum(axis=1).max())

@@ -14,15 +14,13 @@ from tilefab.errors import ImageError, OutputError
 from tilefab.io.atomic import atomic_write_bytes, make_folder, remove_leftovers
 from tilefab.io.faces import pixel_hash, read_print_pixels, write_preview, write_print_tiff
 from tilefab.io.manifest import JOB_RECORD_NAME, FaceRecord, Manifest, locked_folder
-from tilefab.pipeline.faces import face_region, print_tags, render_face
-from tilefab.pipeline.maps import MAPS_FOLDER, JobMaps, job_maps, proof_map
+from tilefab.pipeline.faces import FACES_FOLDER, PROOFS_FOLDER, face_region, print_tags, render_face
+from tilefab.pipeline.maps import MAPS_FOLDER, JobMaps, check_owner, job_maps, proof_map
 from tilefab.pipeline.plan import Plan
 from tilefab.pipeline.progress import Progress
 from tilefab.sampling import TextureMap
 from tilefab.types import Array
 
-FACES_FOLDER = "faces"
-PROOFS_FOLDER = "proofs"
 STAGE = "Printing faces"
 
 
@@ -38,16 +36,15 @@ class RunResult:
         Faces asked for.
     written, kept
         How many of them were written now, and were there already.
-    texture_map, press_map
-        Hashes of the maps.
+    maps
+        The job's maps.
     """
 
     output: Path
     faces: int
     written: int
     kept: int
-    texture_map: str
-    press_map: str
+    maps: JobMaps
 
 
 def run_job(
@@ -82,8 +79,8 @@ def run_job(
     """
     with locked_folder(plan.output):
         manifest = Manifest(plan.output, repair=True)
-        _check_owner(plan, manifest)
-        maps = job_maps(plan, progress, threads)
+        _check_folder(plan, manifest)
+        maps = job_maps(plan, progress, threads, must_keep=True)
         # Only now: a folder in which nothing could be printed stays free for the job with its faults put right.
         _claim(plan)
         run = _Run(plan, maps, manifest, threads, verify)
@@ -92,26 +89,17 @@ def run_job(
             progress.stage(STAGE, done / len(indices))
             written += run.make(index)
         progress.stage(STAGE, 1.0)
-    return RunResult(plan.output, len(indices), written, len(indices) - written, maps.texture.hash, maps.press.hash)
+    return RunResult(plan.output, len(indices), written, len(indices) - written, maps)
 
 
-def _check_owner(plan: Plan, manifest: Manifest) -> None:
+def _check_folder(plan: Plan, manifest: Manifest) -> None:
     """Make sure that the folder is this job's or nobody's, and clear away what a killed run left."""
-    path = plan.output / JOB_RECORD_NAME
-    owners = {record.job for record in manifest.records.values()}
-    if path.exists():
-        try:
-            owners.add(str(json.loads(path.read_bytes())["job"]))
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise OutputError(
-                f"{path}: can't be read, so it isn't known whose folder this is; use another output folder",
-                path=str(path),
-            ) from error
-    if owners - {plan.job_hash}:
+    check_owner(plan)
+    if {record.job for record in manifest.records.values()} - {plan.job_hash}:
         raise OutputError(
-            f"{plan.output}: holds the faces of another job, or of this job with other settings; use another folder "
+            f"{manifest.path}: records faces of another job, or of this job with other settings; use another folder "
             "(--out DIR), or remove this one",
-            path=str(plan.output),
+            path=str(manifest.path),
         )
     for name in ("", FACES_FOLDER, PROOFS_FOLDER, MAPS_FOLDER):
         if (plan.output / name).is_dir():

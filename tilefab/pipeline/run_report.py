@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 import tilefab
+from tilefab.colour import reduce_srgb
 from tilefab.errors import OutputError
 from tilefab.io.atomic import atomic_write_bytes
 from tilefab.io.manifest import FaceRecord, Manifest
 from tilefab.pipeline.colour_facts import colour_facts
-from tilefab.pipeline.faces import face_code, render_face
+from tilefab.pipeline.faces import check_target, face_code, render_face
 from tilefab.pipeline.maps import JobMaps, job_maps, proof_map
 from tilefab.pipeline.plan import Plan
 from tilefab.pipeline.progress import Progress
-from tilefab.pipeline.wall import reduce_rgb, render_wall
+from tilefab.pipeline.wall import render_wall
 from tilefab.report import (
     ColourView,
     FaceView,
@@ -50,6 +51,8 @@ def write_report(
     created: datetime,
     path: Path | None = None,
     threads: int | None = None,
+    maps: JobMaps | None = None,
+    colour: ColourView | None = None,
 ) -> Path:
     """Draw the PDF of a run from what its folder holds.
 
@@ -65,6 +68,8 @@ def write_report(
         The file; by default what the job says.
     threads
         For rendering.
+    maps, colour
+        The job's maps and the figures of the colour page, if they are at hand.
 
     Raises
     ------
@@ -88,9 +93,12 @@ def write_report(
         )
     if path is None:
         path = plan.output / (plan.job.report.pdf or "report.pdf")
-    maps = job_maps(plan, progress, threads)
+    elif path.suffix.lower() != ".pdf":
+        raise OutputError(f"{path}: a report is a PDF: let its name end in .pdf", path=str(path))
+    check_target(plan, path)
+    maps = maps or job_maps(plan, progress, threads)
     progress.stage(STAGE, 0.0)
-    view = report_view(plan, maps, records, progress, created=created, threads=threads)
+    view = report_view(plan, maps, records, progress, created=created, threads=threads, colour=colour)
     atomic_write_bytes(path, build_run_report(view))
     progress.stage(STAGE, 1.0)
     return path
@@ -104,10 +112,11 @@ def report_view(
     *,
     created: datetime,
     threads: int | None = None,
+    colour: ColourView | None = None,
 ) -> RunReportView:
     """Everything the report shows, as frozen figures, texts and pictures."""
     proof = proof_map(plan, maps.press, threads)
-    colour = colour_facts(plan, maps, [record.face for record in records])
+    colour = colour or colour_facts(plan, maps, [record.face for record in records])
     progress.stage(STAGE, 0.2)
     shown = set(contact_faces(len(records), plan.job.report.faces))
     faces = []
@@ -126,13 +135,14 @@ def report_view(
                 sha256=record.sha256,
             )
         )
-    rows, cols, caption = _wall_shape(plan, len(records))
+    rows, cols, first, caption = _wall_shape(plan, records)
     wall = render_wall(
         plan,
         proof,
         rows,
         cols,
-        first=records[0].face,
+        first=first,
+        end=max(plan.job.tile.count, records[-1].face + 1),
         largest_side_px=_WALL_PX,
         threads=threads,
         progress=lambda share: progress.stage(STAGE, 0.6 + 0.3 * share),
@@ -151,7 +161,7 @@ def report_view(
         faces=tuple(faces),
         colour=colour,
         texture_map=_map_view(maps.texture, proof),
-        preparation=tuple((str(step), str(text)) for step, text in _listed(maps.texture, "preparation")),
+        preparation=preparation_log(maps.texture),
         warnings=job_warnings(maps.texture, colour),
         max_contact_faces=plan.job.report.faces,
     )
@@ -186,6 +196,11 @@ def job_warnings(texture: TextureMap, colour: ColourView | None = None) -> tuple
     return tuple(warnings)
 
 
+def preparation_log(texture: TextureMap) -> tuple[tuple[str, str], ...]:
+    """What was done to the slab, as the map tells: (step, sentence)."""
+    return tuple((str(step), str(text)) for step, text in _listed(texture, "preparation"))
+
+
 def _listed(texture: TextureMap, name: str) -> list[Any]:
     listed: list[Any] = json.loads(texture.provenance.get(name, "[]"))
     return listed
@@ -208,19 +223,22 @@ def _job_facts(plan: Plan, records: list[FaceRecord]) -> tuple[tuple[str, str], 
     )
 
 
-def _wall_shape(plan: Plan, count: int) -> tuple[int, int, str]:
+def _wall_shape(plan: Plan, records: list[FaceRecord]) -> tuple[int, int, int, str]:
+    """Rows, columns, first face and caption of the wall on the cover."""
     columns = plan.job.tile.columns
     if columns is not None:
-        cols = min(columns, 6)
-        rows = max(1, min(3, -(-count // columns)))
-        return rows, cols, f"The wall's first {rows} x {cols} tiles; the pattern runs on across the joints."
-    shown = min(count, _WALL_FACES)
+        rows, cols = min(3, -(-plan.job.tile.count // columns)), min(columns, 6)
+        caption = f"The upper left of the wall, {rows} x {cols} tiles: the pattern runs on across the joints."
+        return rows, cols, 0, caption
+    # Faces next to each other in number come out of the box together.
+    shown = min(len(records), _WALL_FACES)
     cols = next(n for n in (4, 3, 2, 1) if shown >= n)
-    return shown // cols, cols, f"{shown // cols * cols} tiles as they come out of the box, fired colours."
+    rows, first = shown // cols, records[0].face
+    return rows, cols, first, f"Faces {first} to {first + rows * cols - 1}, in fired colours."
 
 
 def _fit(rgb: NDArray[np.uint8], side_px: int) -> NDArray[np.uint8]:
-    return reduce_rgb(rgb, max(1, -(-max(rgb.shape[:2]) // side_px)))
+    return reduce_srgb(rgb, max(1, -(-max(rgb.shape[:2]) // side_px)))
 
 
 def _map_view(texture: TextureMap, proof: TextureMap) -> TextureMapView:

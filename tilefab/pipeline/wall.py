@@ -7,12 +7,13 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from tilefab.colour import reduce_srgb
+from tilefab.errors import OutputError
 from tilefab.pipeline.faces import render_face
 from tilefab.pipeline.plan import Plan
 from tilefab.sampling import TextureMap
 
 GROUT_RGB = 205
-_STRIP_ROWS = 256
 
 
 def render_wall(
@@ -22,6 +23,7 @@ def render_wall(
     cols: int,
     *,
     first: int = 0,
+    end: int | None = None,
     largest_side_px: int = 4000,
     grout_mm: float = 2.0,
     threads: int | None = None,
@@ -39,6 +41,8 @@ def render_wall(
         Size of the wall in faces, >= 1.
     first
         Index of the top left face.
+    end
+        Faces from this index on stay blank; ``None``: none do.
     largest_side_px
         The picture is reduced by a whole number so that its longer side isn't much larger.
     grout_mm
@@ -52,6 +56,11 @@ def render_wall(
     -------
     ndarray of uint8
         (rows, cols, 3) sRGB.
+
+    Raises
+    ------
+    OutputError
+        If a continuous wall has no such columns side by side.
     """
     tile = plan.tile_px
     factor = max(1, -(-max(rows * tile.rows, cols * tile.cols) // largest_side_px))
@@ -59,6 +68,12 @@ def render_wall(
     grout_px = 0
     if grout_mm > 0:
         grout_px = max(1, round(face_cols * grout_mm / plan.tile_mm.width))
+    columns = plan.job.tile.columns
+    if columns is not None and first % columns + cols > columns:
+        raise OutputError(
+            f"the job's wall has {columns} columns: {cols} from column {first % columns} on don't hang side by side; "
+            "ask for fewer columns, or begin at the first"
+        )
     wall = np.full(
         (rows * (face_rows + grout_px) - grout_px, cols * (face_cols + grout_px) - grout_px, 3),
         GROUT_RGB,
@@ -67,9 +82,10 @@ def render_wall(
     for row in range(rows):
         for col in range(cols):
             index = wall_index(plan, row, col, cols, first)
-            face = reduce_rgb(render_face(plan, proof, index, threads=threads, bleed=False), factor)
-            top, left = row * (face_rows + grout_px), col * (face_cols + grout_px)
-            wall[top : top + face_rows, left : left + face_cols] = face[:face_rows, :face_cols]
+            if end is None or index < end:
+                face = reduce_srgb(render_face(plan, proof, index, threads=threads, bleed=False), factor)
+                top, left = row * (face_rows + grout_px), col * (face_cols + grout_px)
+                wall[top : top + face_rows, left : left + face_cols] = face[:face_rows, :face_cols]
             if progress is not None:
                 progress((row * cols + col + 1) / (rows * cols))
     return wall
@@ -79,24 +95,3 @@ def wall_index(plan: Plan, row: int, col: int, cols: int, first: int) -> int:
     """Face shown at one place of a wall; a continuous layout keeps its own columns, so that neighbours join."""
     columns = plan.job.tile.columns
     return first + row * (columns if columns is not None else cols) + col
-
-
-def reduce_rgb(rgb: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
-    """Reduce an sRGB picture by a whole number, averaging light, not numbers; at least one pixel is left."""
-    if factor == 1:
-        return rgb
-    factor = min(factor, rgb.shape[0], rgb.shape[1])
-    rows, cols = rgb.shape[0] // factor, rgb.shape[1] // factor
-    linear = _linear_of_srgb8()
-    out = np.empty((rows, cols, 3), dtype=np.uint8)
-    for top in range(0, rows, _STRIP_ROWS):
-        strip = rgb[top * factor : min(top + _STRIP_ROWS, rows) * factor, : cols * factor]
-        light = linear[strip].reshape(strip.shape[0] // factor, factor, cols, factor, 3).mean(axis=(1, 3))
-        encoded = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
-        out[top : top + len(light)] = np.rint(encoded * 255)
-    return out
-
-
-def _linear_of_srgb8() -> NDArray[np.float32]:
-    value = np.arange(256) / 255
-    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).astype(np.float32)

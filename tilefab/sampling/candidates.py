@@ -265,7 +265,7 @@ def choose_places(
     tries
         (places, tries, 2) row and column in the base.
     ring
-        (samples, 2) offsets at which the two are compared; the middle is compared as well, to know the same piece.
+        (samples, 2) offsets at which the two are compared.
     same_px, max_same
         A try is out if at more than ``max_same`` samples it shows what the tile shows already, shifted by less than
         ``same_px``: swapping those would change nothing.

@@ -68,6 +68,21 @@ def test_half_floats_become_floats(tmp_path: Path) -> None:
         np.testing.assert_array_equal(scan.pixels, half.astype(np.float32))
 
 
+@pytest.mark.parametrize("dtype", ["i2", "u4"])
+def test_whole_numbers_of_other_widths_are_no_linear_light(tmp_path: Path, dtype: str) -> None:
+    tifffile.imwrite(tmp_path / "a.tif", picture(3).astype(dtype), photometric="rgb")
+    assert read_scan(tmp_path / "a.tif").pixels.dtype == np.uint16
+
+
+def test_only_the_first_of_several_images_is_used(tmp_path: Path) -> None:
+    with tifffile.TiffWriter(tmp_path / "a.tif") as file:
+        for brightness in (10, 200):
+            file.write(np.full((ROWS, COLS, 3), brightness, np.uint8), photometric="rgb")
+    scan = read_scan(tmp_path / "a.tif")
+    assert (scan.pixels == 10).all()
+    assert scan.notes == ("a.tif holds several images: only the first is used",)
+
+
 def test_exr_keeps_light_beyond_white(tmp_path: Path) -> None:
     pixels = picture(3, "f4") * 3
     write_exr(tmp_path / "a.exr", pixels)
@@ -121,10 +136,15 @@ def test_units_of_resolution(tmp_path: Path, value: float, unit: str, dpi: float
 
 
 def test_facts_come_from_the_header(tmp_path: Path) -> None:
-    tifffile.imwrite(tmp_path / "a.tif", picture(4, "u2"), photometric="rgb", extrasamples=["unassalpha"])
+    profile = imagecodecs.cms_profile("srgb")
+    with_alpha = {"photometric": "rgb", "extrasamples": ["unassalpha"], "iccprofile": profile}
+    tifffile.imwrite(tmp_path / "a.tif", picture(4, "u2"), **with_alpha)
     facts = scan_facts(tmp_path / "a.tif")
     assert facts.size == SizePx(ROWS, COLS)
-    assert (facts.channels, facts.dtype) == (4, "uint16")
+    assert (facts.channels, facts.icc_profile) == (3, profile)
+    tifffile.imwrite(tmp_path / "b.tif", picture(4), photometric="separated")
+    facts = scan_facts(tmp_path / "b.tif")
+    assert (facts.channels, facts.icc_profile) == (4, None)
 
 
 @pytest.mark.parametrize("ending", ["png", "jpg", "tif"])
