@@ -280,3 +280,48 @@ def test_a_pipe_gets_nothing_but_json(finished: Any) -> None:
     assert done.code == 0, done.err
     assert json.loads(done.out)["kept"] == 8
     assert "\x1b" not in done.out + done.err
+
+
+@pytest.mark.parametrize(("first", "cols", "fits"), [(0, 3, True), (3, 3, True), (0, 4, False), (1, 3, False)])
+def test_a_running_wall_shows_only_faces_that_hang_side_by_side(
+    workshop: Any, tmp_path: Path, first: int, cols: int, fits: bool
+) -> None:
+    job = workshop.job(("count = 8", 'count = 8\nlayout = "continuous"\ncolumns = 3'))
+    picture = tmp_path / "wall.png"
+    done = workshop.cli("wall", job, "--rows", 2, "--cols", cols, "--first", first, "-o", picture)
+    assert done.code == (0 if fits else 8), done.err
+    assert picture.exists() == fits
+    if not fits:
+        assert "don't hang side by side" in done.errors[0]
+
+
+def test_no_map_is_left_in_the_folder_of_another_job(
+    finished: Any, snap: Callable[[Path], Any], tmp_path: Path
+) -> None:
+    other = finished.job(("seed = 7", "seed = 8"), name="other.toml")
+    before = snap(finished.out)
+    done = finished.cli("face", other, 0, "-o", tmp_path / "face.tif")
+    assert done.code == 0, done.err
+    assert "The map was not kept" in done.err
+    assert finished.cli("map", "build", other).code == 8
+    assert snap(finished.out) == before
+
+
+def test_warnings_and_what_was_done_reach_the_operator(workshop: Any) -> None:
+    job = workshop.job(("ink_limit_percent = 260", "ink_limit_percent = 20"), ("count = 8", "count = 1"))
+    told = workshop.cli("run", job)
+    assert told.code == 0, told.err
+    assert "warning: " in told.out
+    assert "reduced to the ink limit of 20 %" in told.out
+    assert "slab.tif: 110 x 100 pixels" in " ".join(told.out.split())
+    facts = workshop.cli("run", job, "--json").json
+    assert any("ink limit" in warning for warning in facts["warnings"])
+    assert {entry["step"] for entry in facts["preparation"]} >= {"Colour space", "Resolution"}
+
+
+def test_ink_names_may_change_between_runs(finished: Any) -> None:
+    job = finished.job(("260", '260\nink_names = ["Cobalt", "Iron", "Zircon", "Black"]'), name="job.toml")
+    (finished.out / "faces" / "face_000003.tif").unlink()
+    assert finished.cli("run", job).code == 0
+    with tifffile.TiffFile(finished.out / "faces" / "face_000003.tif") as file:
+        assert b"Cobalt\0Iron\0Zircon\0Black" in bytes(file.pages[0].tags[333].value, "ascii")

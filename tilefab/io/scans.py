@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -104,6 +105,8 @@ def read_scan(path: Path) -> Scan:
     pixels = np.ascontiguousarray(pixels)
     if pixels.dtype.kind == "f":
         pixels = _finite(path, pixels, valid, notes)
+    if spec.getattribute("Orientation") not in (None, 1):
+        notes.append(f"{path.name} was turned upright, as its file says")
     if spec.getattribute(_SEVERAL):
         notes.append(f"{path.name} holds several images: only the first is used")
     return Scan(str(path), pixels, valid, _dpi(spec), _icc_profile(spec), tuple(notes))
@@ -147,7 +150,8 @@ def scan_facts(path: Path) -> ScanFacts:
     try:
         spec = source.spec()
         channels = spec.nchannels - (_alpha_channel(spec) is not None)
-        return ScanFacts(SizePx(spec.height, spec.width), channels, _dpi(spec), _icc_profile(spec))
+        upright = _orientation(spec)(np.empty((spec.height, spec.width, 0))).shape
+        return ScanFacts(SizePx(upright[0], upright[1]), channels, _dpi(spec), _icc_profile(spec))
     finally:
         source.close()
 
@@ -163,6 +167,12 @@ def _open(path: Path) -> Any:
     if source is None:
         raise _unreadable(path, oiio.geterror())
     spec = source.spec()
+    if str(spec.getattribute("jpeg:ColorSpace") or "") in ("CMYK", "YCCK"):
+        source.close()
+        raise ImageError(
+            f"{path}: a CMYK JPEG can't be read without changing its colours; save it as TIFF, or scan as RGB",
+            path=str(path),
+        )
     if spec.width < 1 or spec.height < 1 or spec.nchannels < 1 or spec.depth > 1:
         source.close()
         raise ImageError(f"{path}: not a flat image of at least one pixel", path=str(path))
@@ -184,12 +194,14 @@ def _read(path: Path) -> tuple[Array, Any]:
         if pixels is None or source.has_error:
             raise _unreadable(path, source.geterror())
         spec = oiio.ImageSpec(spec)
+        turn = _orientation(spec)
+        pixels = turn(np.asarray(pixels, dtype=dtype).reshape(spec.height, spec.width, spec.nchannels))
         spec.attribute(_SEVERAL, int(source.seek_subimage(1, 0)))
     except (MemoryError, RuntimeError) as error:
         raise _unreadable(path, str(error)) from error
     finally:
         source.close()
-    return np.asarray(pixels, dtype=dtype).reshape(spec.height, spec.width, spec.nchannels), spec
+    return pixels, spec
 
 
 def _unreadable(path: Path, reason: str) -> ImageError:
@@ -210,6 +222,20 @@ def _finite(path: Path, pixels: Array, valid: Mask, notes: list[str]) -> Array:
     if negative:
         notes.append(f"{path.name} has {negative} pixels with negative values: they are set to 0")
     return np.where(valid[..., None], np.maximum(pixels, 0), 0).astype(np.float32)
+
+
+def _orientation(spec: Any) -> Callable[[Array], Array]:
+    """How to turn an image upright that a camera or scanner marked as lying otherwise (TIFF 6.0, Orientation)."""
+    turns: dict[int, Callable[[Array], Array]] = {
+        2: lambda image: image[:, ::-1],
+        3: lambda image: image[::-1, ::-1],
+        4: lambda image: image[::-1],
+        5: lambda image: image.swapaxes(0, 1),
+        6: lambda image: image.swapaxes(0, 1)[:, ::-1],
+        7: lambda image: image.swapaxes(0, 1)[::-1, ::-1],
+        8: lambda image: image.swapaxes(0, 1)[::-1],
+    }
+    return turns.get(spec.getattribute("Orientation") or 1, lambda image: image)
 
 
 def _alpha_channel(spec: Any) -> int | None:

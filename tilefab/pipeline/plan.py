@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.resources
+import importlib.util
 import json
 from contextlib import suppress
 from dataclasses import dataclass
@@ -345,12 +346,19 @@ def _expanded(name: str) -> Path:
 
 
 def _in_package(name: str) -> Path | None:
+    """File inside an installed package, which is found but not imported: a job file must not run code."""
     package, _, inside = name.partition("/")
-    try:
-        path = Path(str(importlib.resources.files(package))) / inside
-    except (ImportError, TypeError, ValueError):
+    if not package.isidentifier() or not inside:
         return None
-    return path if inside and path.is_file() else None
+    found = importlib.util.find_spec(package)
+    for folder in (found.submodule_search_locations or []) if found is not None else []:
+        path = Path(folder) / inside
+        try:
+            if path.is_file():
+                return path
+        except (OSError, ValueError):
+            return None
+    return None
 
 
 def _file_hash(path: Path) -> str:

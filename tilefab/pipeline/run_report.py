@@ -131,7 +131,7 @@ def report_view(
                 code=face_code(plan, maps.press, record.face),
                 thumbnail=thumbnail,
                 file_name=record.file,
-                origin=f"row {record.origin[0]}, column {record.origin[1]}",
+                origin=f"row {record.origin[0]}, col {record.origin[1]}",
                 sha256=record.sha256,
             )
         )

@@ -329,3 +329,29 @@ def test_a_mask_must_leave_something(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "mask.tif", np.full((ROWS, COLS), 255, np.uint8))
     with pytest.raises(ImageError, match="leaves nothing"):
         read_mask(tmp_path / "mask.tif", (ROWS, COLS))
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_scan_marked_as_turned_is_turned_upright_as_pillow_does(tmp_path: Path, orientation: int) -> None:
+    from PIL import Image, ImageOps
+
+    picture = np.random.default_rng(8).integers(0, 255, (12, 20, 3)).astype(np.uint8)
+    path = tmp_path / "turned.tif"
+    tifffile.imwrite(path, picture, photometric="rgb", extratags=[(274, "H", 1, orientation, True)])
+    with Image.open(path) as image:
+        upright = np.asarray(ImageOps.exif_transpose(image))
+    scan = read_scan(path)
+    assert np.array_equal(scan.pixels, upright)
+    assert scan.pixels.flags.c_contiguous
+    facts = scan_facts(path)
+    assert (facts.size.rows, facts.size.cols) == upright.shape[:2]
+    assert any("turned upright" in note for note in scan.notes) == (orientation != 1)
+
+
+def test_a_cmyk_jpeg_is_refused_for_its_colours_would_change(tmp_path: Path) -> None:
+    from PIL import Image
+
+    path = tmp_path / "cmyk.jpg"
+    Image.new("CMYK", (8, 8)).save(path)
+    with pytest.raises(ImageError, match="CMYK JPEG"):
+        read_scan(path)
