@@ -34,6 +34,7 @@ check: install
 bench: install
 	$(BIN)/python benchmarks/distinct_faces.py
 	$(BIN)/python benchmarks/sampler.py
+	$(BIN)/python benchmarks/demo_profile.py
 
 # Pages that are made from the code.
 docs: install
