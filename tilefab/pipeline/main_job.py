@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
+from tilefab.io.manifest import Manifest
 from tilefab.pipeline.colour_facts import colour_facts
 from tilefab.pipeline.plan import Plan
 from tilefab.pipeline.progress import Progress
@@ -55,9 +56,10 @@ def do_job(
         Date and time that the report shows.
     """
     result = run_job(plan, indices, progress, threads=threads, verify=verify)
-    colour = colour_facts(plan, result.maps, list(indices))
+    # Report and warnings speak of all the faces in the folder, and measure their colours once.
+    colour = colour_facts(plan, result.maps, sorted(Manifest(plan.output).records))
     report = None
     if plan.job.report.pdf is not False:
-        report = write_report(plan, progress, created=created, threads=threads, maps=result.maps)
+        report = write_report(plan, progress, created=created, threads=threads, maps=result.maps, colour=colour)
     texture = result.maps.texture
     return JobOutcome(result, report, preparation_log(texture), job_warnings(texture, colour))

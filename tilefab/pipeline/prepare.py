@@ -185,10 +185,13 @@ def _read_linear(plan: Plan, planned: SlabScan, log: list[tuple[str, str]]) -> t
 
 
 def _even_lighting(plan: Plan, images: list[FloatImage], valids: list[Mask], log: list[tuple[str, str]]) -> None:
-    # Only scans of about one size show the same part of the scanner's light; else each is judged alone.
+    # Only scans of about one size show the same part of the scanner's light; where they don't, or don't agree on it,
+    # each is judged alone.
     sizes = np.array([valid.shape for valid in valids])
     together = bool((sizes.max(axis=0) <= 1.1 * sizes.min(axis=0)).all())
     common = estimate_lighting(images, valids) if together else None
+    if common is not None and not any(common.coefficients):
+        common = None
     for number, scan in enumerate(plan.scans):
         model = common or estimate_lighting([images[number]], [valids[number]])
         images[number], valids[number], record = remove_lighting(images[number], valids[number], model)

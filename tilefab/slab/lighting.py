@@ -136,7 +136,11 @@ def estimate_lighting(images: Sequence[FloatImage], valids: Sequence[Mask]) -> L
     weights = doubts**-2 / (doubts**-2).sum(axis=0)
     measured = (weights * coefficients).sum(axis=0)
     doubt = np.sqrt((weights**2 * doubts**2).sum(axis=0))
-    if len(usable) >= 3:
+    if len(usable) >= 2:
+        # Scans that disagree don't share one lighting: the more they differ, the less is believed.
+        if len(usable) == 2:
+            # Two slabs sawn from one block are often mirror images or copies: two say no more than one.
+            doubt = np.maximum(doubt, doubts.min(axis=0))
         doubt = np.maximum(doubt, _scatter_between(coefficients, weights, measured))
     kept = measured * np.maximum(1.0 - (_STAND_OUT * doubt / np.maximum(np.abs(measured), 1e-12)) ** 2, 0.0)
     reason = "" if kept.any() else "no lighting stands out from the stone's own pattern"

@@ -174,3 +174,17 @@ def test_refuses_misuse() -> None:
         estimate_lighting([image, image[:200].copy()], [valid, valid[:200].copy()])
     with pytest.raises(ValueError, match="no pixel"):
         remove_lighting(image, ~valid, estimate_lighting([image], [valid]))
+
+
+@pytest.mark.parametrize("make", [veined, patched, cloudy])
+def test_two_scans_of_one_pattern_are_no_better_evidence_than_one(make) -> None:
+    image = make(3)
+    alone = estimate_lighting([image], all_valid())
+    twice = estimate_lighting([image, image.copy()], all_valid(2))
+    assert np.abs(twice.coefficients).max() <= np.abs(alone.coefficients).max() + 1e-12
+
+
+def test_scans_that_disagree_share_no_lighting() -> None:
+    model = estimate_lighting([lit(flat(1), vignette()), flat(2)], all_valid(2))
+    assert not any(model.coefficients)
+    assert any(estimate_lighting([lit(flat(1), vignette()), lit(flat(2), vignette())], all_valid(2)).coefficients)
