@@ -1,20 +1,27 @@
-"""Rendering any region, or any points, of the endless plane from a texture map."""
+"""Rendering any region, or any points, of the endless plane from a texture map of either design."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tilefab.rng import stream_key
-from tilefab.sampling.render_kernels import render_points_into, render_rows_into
+from tilefab.sampling.crop_kernels import render_plan_points_into, render_plan_rows_into
+from tilefab.sampling.crop_map import CropMap
+from tilefab.sampling.crop_plan import CropPlan, plan_region
 from tilefab.sampling.texture_map import TextureMap
+from tilefab.sampling.tile_kernels import render_points_into, render_rows_into
+from tilefab.sampling.tile_map import TileMap
 from tilefab.types import Array
 
 COORDINATE_LIMIT = 1 << 60
 _STRIP_BYTES = 1 << 22
+_PAGE_PX = 1 << 10
+_PAGE_CELLS = 8
 
 
 def render(
@@ -57,54 +64,173 @@ def render(
 
     Notes
     -----
-    First seed, 5.5.2, turned inside out: instead of asking for each pixel which patch covers it, the periodic tile
-    is copied row by row and the runs of every active patch over it. As active patches never overlap, the order is
-    immaterial and the result is the same bit for bit.
+    The first seed asks for each pixel which patch covers it (5.5.2). Turned inside out, that is one copy for every
+    row run of a patch, or of a crop.
     """
     _check_coordinates(row, col, rows, cols)
-    shape = (rows, cols, texture_map.base.shape[2])
-    if out is None:
-        out = np.empty(shape, dtype=texture_map.base.dtype)
-    elif out.shape != shape or out.dtype != texture_map.base.dtype or not out.flags.c_contiguous:
-        raise ValueError(f"out must be C-contiguous {shape} {texture_map.base.dtype}, not {out.shape} {out.dtype}")
-    elif not out.flags.writeable:
-        raise ValueError("out must be writeable")
-    if threads is not None and threads < 1:
-        raise ValueError(f"threads must be at least 1, not {threads}")
-    key = stream_key(seed, "activation")
+    workers = _checked_threads(threads)
+    out = _checked_buffer(texture_map, rows, cols, out)
     if out.size == 0:
+        stream_key(seed, "unused")  # a bad seed is an error all the same
         return out
-    strips = max(1, min(rows, out.nbytes // _STRIP_BYTES))
-    bounds = [rows * k // strips for k in range(strips + 1)]
+    if isinstance(texture_map, CropMap):
+        plan = plan_region(texture_map, row, col, rows, cols, seed=seed, threads=workers)
+        return render_plan(texture_map, plan, out=out, threads=workers)
+    tile_map = _tile_map(texture_map)
+    key = stream_key(seed, "activation")
+    flat = tile_map.base.reshape(-1)
 
-    def strip(k: int) -> None:
-        _render_strip(texture_map, key, row + bounds[k], col, out[bounds[k] : bounds[k + 1]])
+    def strip(begin: int, end: int) -> None:
+        part = out[begin:end]
+        render_rows_into(
+            flat,
+            tile_map.base.shape[1],
+            tile_map.tile.reshape(-1),
+            *tile_map.tile_shape,
+            tile_map.base.shape[2],
+            tile_map.patch_tables,
+            key,
+            row + begin,
+            col,
+            part.shape[0],
+            part.shape[1],
+            part.reshape(-1),
+        )
 
-    workers = min(threads or os.cpu_count() or 1, strips)
-    if workers == 1:
-        for k in range(strips):
-            strip(k)
-    else:
-        with ThreadPoolExecutor(workers) as pool:
-            list(pool.map(strip, range(strips)))
+    _in_strips(out, workers, strip)
     return out
 
 
-def _render_strip(texture_map: TextureMap, key: np.uint64, row: int, col: int, out: Array) -> None:
-    render_rows_into(
-        texture_map.base.reshape(-1),
-        texture_map.base.shape[1],
-        texture_map.tile.reshape(-1),
-        *texture_map.tile_shape,
-        texture_map.base.shape[2],
-        texture_map.patch_tables,
-        key,
-        row,
-        col,
-        out.shape[0],
-        out.shape[1],
-        out.reshape(-1),
-    )
+def render_plan(
+    texture_map: CropMap,
+    plan: CropPlan,
+    *,
+    first: int = 0,
+    rows: int | None = None,
+    out: Array | None = None,
+    threads: int | None = None,
+) -> Array:
+    """Render a planned region, or a strip of it.
+
+    A face that is printed strip by strip, or in several maps of one design (inks, proof), is planned once.
+
+    Parameters
+    ----------
+    texture_map
+        The map that the plan was made from, or the same over another base.
+    plan
+        From `tilefab.sampling.plan_region`.
+    first, rows
+        Which rows of the region; all from ``first`` on if not given.
+    out, threads
+        As for `render`.
+
+    Returns
+    -------
+    ndarray
+        (rows, plan.cols, channels).
+
+    Raises
+    ------
+    ValueError
+        If the rows, ``threads`` or ``out`` are unusable.
+    """
+    rows = plan.rows - first if rows is None else rows
+    if first < 0 or rows < 0 or first + rows > plan.rows:
+        raise ValueError(f"rows {first} to {first + rows} are not within the {plan.rows} planned")
+    workers = _checked_threads(threads)
+    out = _checked_buffer(texture_map, rows, plan.cols, out)
+    base = texture_map.base_level(plan.level)
+    flat = base.reshape(-1)
+    pitch, overlap = texture_map.pitch_px >> plan.level, texture_map.overlap_px >> plan.level
+
+    def strip(begin: int, end: int) -> None:
+        part = out[begin:end]
+        render_plan_rows_into(
+            flat,
+            base.shape[1],
+            base.shape[2],
+            plan.level,
+            texture_map.crop_row,
+            texture_map.crop_col,
+            pitch,
+            overlap,
+            plan.row - plan.first_row * pitch,
+            plan.col - plan.first_col * pitch,
+            plan.crops,
+            plan.upright,
+            plan.seam_shift,
+            plan.turn_begin,
+            plan.turns,
+            plan.starts_above,
+            first + begin,
+            part.shape[0],
+            part.shape[1],
+            part.reshape(-1),
+        )
+
+    _in_strips(out, workers, strip)
+    return out
+
+
+def render_reduced(
+    texture_map: CropMap, row: int, col: int, rows: int, cols: int, *, level: int, seed: int, threads: int | None = None
+) -> Array:
+    """Render a region of the plane at 1 / 2**level of its size, without rendering it whole.
+
+    Parameters
+    ----------
+    texture_map
+        The map.
+    row, col, rows, cols
+        The region, in pixels of that size.
+    level
+        Halvings, >= 0. Up to ``texture_map.coarsest_level`` the crops themselves are halved and joined at that size;
+        beyond it the result of that level is halved further.
+    seed, threads
+        As for `render`.
+
+    Returns
+    -------
+    ndarray
+        (rows, cols, channels) of the map's dtype: near the means over blocks of the full plane, but for the width of
+        a pixel along seams.
+
+    Raises
+    ------
+    ValueError
+        If a coordinate, the level, the seed or ``threads`` is unusable.
+    """
+    if level < 0:
+        raise ValueError(f"level {level} is negative")
+    own = min(level, texture_map.coarsest_level)
+    factor = 1 << (level - own)
+    _check_coordinates(row << level, col << level, rows << level, cols << level)
+    workers = _checked_threads(threads)
+    channels = texture_map.base.shape[2]
+    out = np.empty((rows, cols, channels), dtype=texture_map.base.dtype)
+    if out.size == 0:
+        return out
+    # Strips bound the memory where much more is rendered than asked for.
+    step = max(1, _STRIP_BYTES // (cols * factor * factor * channels))
+    for top in range(0, rows, step):
+        count = min(step, rows - top)
+        plan = plan_region(
+            texture_map,
+            (row + top) * factor,
+            col * factor,
+            count * factor,
+            cols * factor,
+            seed=seed,
+            level=own,
+            threads=workers,
+        )
+        part = render_plan(texture_map, plan, threads=workers)
+        if factor > 1:
+            total = part.reshape(count, factor, cols, factor, channels).mean(axis=(1, 3))
+            part = (total + 0.5).astype(out.dtype) if out.dtype.kind in "ui" else total.astype(out.dtype)
+        out[top : top + count] = part
+    return out
 
 
 def render_points(texture_map: TextureMap, rows: ArrayLike, cols: ArrayLike, *, seed: int) -> Array:
@@ -128,6 +254,10 @@ def render_points(texture_map: TextureMap, rows: ArrayLike, cols: ArrayLike, *, 
     ------
     ValueError
         If coordinates aren't integers or are out of range.
+
+    Notes
+    -----
+    With crops, points are taken together by the cells they lie in: what a cell shows is found once for all of them.
     """
     row_array, col_array = np.broadcast_arrays(np.asarray(rows), np.asarray(cols))
     for name, array in (("rows", row_array), ("cols", col_array)):
@@ -138,20 +268,85 @@ def render_points(texture_map: TextureMap, rows: ArrayLike, cols: ArrayLike, *, 
         high = max(int(row_array.max()), int(col_array.max()))
         _check_coordinates(low, low, 0, 0)
         _check_coordinates(high, high, 0, 0)
-    key = stream_key(seed, "activation")
     flat_rows: NDArray[np.int64] = np.ascontiguousarray(row_array, dtype=np.int64).ravel()
     flat_cols: NDArray[np.int64] = np.ascontiguousarray(col_array, dtype=np.int64).ravel()
     out = np.empty((flat_rows.size, texture_map.base.shape[2]), dtype=texture_map.base.dtype)
-    render_points_into(
-        texture_map.base,
-        texture_map.tile,
-        texture_map.patch_tables,
-        key,
-        flat_rows,
-        flat_cols,
-        out,
-    )
+    if isinstance(texture_map, CropMap):
+        _render_crop_points(texture_map, flat_rows, flat_cols, seed, out)
+    else:
+        tile_map = _tile_map(texture_map)
+        key = stream_key(seed, "activation")
+        render_points_into(tile_map.base, tile_map.tile, tile_map.patch_tables, key, flat_rows, flat_cols, out)
     return out.reshape(*row_array.shape, out.shape[1])
+
+
+def _render_crop_points(
+    crop_map: CropMap, rows: NDArray[np.int64], cols: NDArray[np.int64], seed: int, out: Array
+) -> None:
+    """Page by page: each page of the plane that holds points is planned once, no larger than its points need."""
+    stream_key(seed, "crops")
+    page = max(_PAGE_CELLS * crop_map.pitch_px, _PAGE_PX)
+    page_row, page_col = rows // page, cols // page
+    order = np.lexsort((page_col, page_row))
+    changes = np.flatnonzero(np.diff(page_row[order]) | np.diff(page_col[order])) + 1
+    for which in np.split(order, changes) if len(order) else []:
+        top, left = int(rows[which].min()), int(cols[which].min())
+        bottom, right = int(rows[which].max()) + 1, int(cols[which].max()) + 1
+        plan = plan_region(crop_map, top, left, bottom - top, right - left, seed=seed)
+        render_plan_points_into(
+            crop_map.base,
+            0,
+            crop_map.crop_row,
+            crop_map.crop_col,
+            crop_map.pitch_px,
+            crop_map.overlap_px,
+            plan.first_row,
+            plan.first_col,
+            plan.crops,
+            plan.upright,
+            plan.across,
+            plan.seam_shift,
+            rows,
+            cols,
+            which,
+            out,
+        )
+
+
+def _in_strips(out: Array, workers: int, strip: Callable[[int, int], None]) -> None:
+    rows = out.shape[0]
+    strips = max(1, min(rows, out.nbytes // _STRIP_BYTES))
+    bounds = [rows * k // strips for k in range(strips + 1)]
+    workers = min(workers, strips)
+    if workers == 1:
+        for k in range(strips):
+            strip(bounds[k], bounds[k + 1])
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        list(pool.map(strip, bounds[:-1], bounds[1:]))
+
+
+def _tile_map(texture_map: TextureMap) -> TileMap:
+    if not isinstance(texture_map, TileMap):
+        raise TypeError(f"a {type(texture_map).__name__} is of no design that can be rendered")
+    return texture_map
+
+
+def _checked_buffer(texture_map: TextureMap, rows: int, cols: int, out: Array | None) -> Array:
+    shape = (rows, cols, texture_map.base.shape[2])
+    if out is None:
+        return np.empty(shape, dtype=texture_map.base.dtype)
+    if out.shape != shape or out.dtype != texture_map.base.dtype or not out.flags.c_contiguous:
+        raise ValueError(f"out must be C-contiguous {shape} {texture_map.base.dtype}, not {out.shape} {out.dtype}")
+    if not out.flags.writeable:
+        raise ValueError("out must be writeable")
+    return out
+
+
+def _checked_threads(threads: int | None) -> int:
+    if threads is not None and threads < 1:
+        raise ValueError(f"threads must be at least 1, not {threads}")
+    return threads or os.cpu_count() or 1
 
 
 def _check_coordinates(row: int, col: int, rows: int, cols: int) -> None:

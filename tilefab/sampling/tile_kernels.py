@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from tilefab.jit import copy_elements, kernel
 from tilefab.sampling.activation import active_patches
-from tilefab.sampling.texture_map import PatchTables
+from tilefab.sampling.tile_map import PatchTables
 from tilefab.types import Array
 
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from tilefab.rng import stream_key
 from tilefab.sampling.activation import active_patches_reference
-from tilefab.sampling.texture_map import TextureMap
+from tilefab.sampling.tile_map import TileMap
 from tilefab.types import Array
 
 
-def pixel_reference(texture_map: TextureMap, row: int, col: int, *, seed: int) -> Array:
+def pixel_reference(texture_map: TileMap, row: int, col: int, *, seed: int) -> Array:
     """Colour of one pixel of the endless plane, (channels,)."""
     tile_rows, tile_cols = texture_map.tile_shape
     cell_row, cell_col = row // tile_rows, col // tile_cols
@@ -40,7 +40,7 @@ def pixel_reference(texture_map: TextureMap, row: int, col: int, *, seed: int) -
     return np.asarray(texture_map.tile[row % tile_rows, col % tile_cols])
 
 
-def render_reference(texture_map: TextureMap, row: int, col: int, rows: int, cols: int, *, seed: int) -> Array:
+def render_reference(texture_map: TileMap, row: int, col: int, rows: int, cols: int, *, seed: int) -> Array:
     """Region of the endless plane, one pixel after the other: twin of `tilefab.sampling.render`."""
     out = np.empty((rows, cols, texture_map.base.shape[2]), dtype=texture_map.base.dtype)
     for r in range(rows):

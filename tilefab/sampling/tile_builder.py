@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from tilefab import rng
 from tilefab.sampling.biclique import overlap_matrix, pseudo_biclique
 from tilefab.sampling.candidates import Candidate, CandidateFinder, largest_valid_square, patch_radii
-from tilefab.sampling.texture_map import Patches, SlabArea, TextureMap
+from tilefab.sampling.texture_map import SlabArea
+from tilefab.sampling.tile_map import Patches, TileMap
 from tilefab.texture.matching import matching_image
 from tilefab.types import Array, Mask
 
@@ -20,7 +21,7 @@ _CUTS_PER_CANDIDATE = 1.8
 
 
 @dataclass(frozen=True)
-class BuildOptions:
+class TileOptions:
     """How a map is built.
 
     Attributes
@@ -48,11 +49,11 @@ class BuildOptions:
             raise ValueError(f"threads must be at least 1, not {self.threads}")
 
 
-def build(
+def build_tile_map(
     base_lab_d50: NDArray[np.float32],
     valid: Mask,
     tile_source: NDArray[np.int32],
-    options: BuildOptions,
+    options: TileOptions,
     *,
     stored: Array,
     space: str,
@@ -61,7 +62,7 @@ def build(
     slabs: tuple[SlabArea, ...] = (),
     provenance: dict[str, str] | None = None,
     progress: Callable[[float], None] | None = None,
-) -> TextureMap:
+) -> TileMap:
     """Build a texture map.
 
     Parameters
@@ -77,13 +78,13 @@ def build(
     stored
         (rows, cols, channels): the image the map keeps and renders from, in ``space``.
     space, channels, dpi, slabs, provenance
-        See `TextureMap`.
+        See `TileMap`.
     progress
         Called with the share done, 0 to 1.
 
     Returns
     -------
-    TextureMap
+    TileMap
         Without patches if no cut is possible, so that it renders the bare tile; the caller may want to warn.
 
     Raises
@@ -108,7 +109,7 @@ def build(
             candidates += [found[k] for k in sorted(order[:keep])]
     patches, count = _divide(candidates, (tile_source.shape[0], tile_source.shape[1]), options)
     share = min(1.0, 2.0 * options.active_per_cell / max(count, 1))
-    return TextureMap(
+    return TileMap(
         base=np.ascontiguousarray(stored),
         tile_source=np.ascontiguousarray(tile_source, dtype=np.int32),
         patches=patches,
@@ -133,7 +134,7 @@ class _Counter:
             self._progress(min(1.0, self._done / self._total))
 
 
-def _divide(candidates: list[Candidate], tile_shape: tuple[int, int], options: BuildOptions) -> tuple[Patches, int]:
+def _divide(candidates: list[Candidate], tile_shape: tuple[int, int], options: TileOptions) -> tuple[Patches, int]:
     table = _table(candidates, 0, np.zeros((len(candidates), len(candidates)), dtype=bool))
     geometry = (
         table.cell_row.astype(np.int64),
