@@ -10,7 +10,7 @@ import pytest
 from hypothesis import settings
 from numpy.typing import NDArray
 
-from tilefab.sampling import BuildOptions, Patches, TextureMap, build
+from tilefab.sampling import Patches, TileMap, TileOptions, build_tile_map
 from tilefab.sampling.texture_map import SlabArea
 from tilefab.synthesis.quilting import quilt_torus
 from tilefab.types import Array, Mask, SizePx
@@ -24,17 +24,17 @@ settings.load_profile("tilefab")
 class Built:
     """A texture map with all that it was built from."""
 
-    map: TextureMap
+    map: TileMap
     lab: NDArray[np.float32]
     valid: Mask
     source: NDArray[np.int32]
-    options: BuildOptions
+    options: TileOptions
     stored: Array
 
-    def build_again(self, **changes: object) -> TextureMap:
-        """Build the map anew; ``changes`` are arguments of `BuildOptions`."""
-        options = BuildOptions(**{**self.options.__dict__, **changes})
-        return build(
+    def build_again(self, **changes: object) -> TileMap:
+        """Build the map anew; ``changes`` are arguments of `TileOptions`."""
+        options = TileOptions(**{**self.options.__dict__, **changes})
+        return build_tile_map(
             self.lab,
             self.valid,
             self.source,
@@ -99,17 +99,17 @@ def make_built(name: str) -> Built:
         half = np.rint(2 * lab).astype(np.int64)
         stored = np.stack([half[..., 0], 100 + half[..., 1], 90 + half[..., 2], half.sum(axis=2) % 251], axis=2)
         stored, space, channels = stored.astype(np.uint8), "ink8", ("C", "B", "Y", "K")
-        options = BuildOptions(patches=60, active_per_cell=12.0, seed=5, threads=1)
+        options = TileOptions(patches=60, active_per_cell=12.0, seed=5, threads=1)
     elif name == "masked":  # 16 bits, a mask, odd and prime sizes
         lab, valid, size = make_stone(131, 103, 2), _holes(131, 103), SizePx(53, 61)
         stored, space, channels = np.rint(200 * lab + 9000).astype(np.uint16), "lab16", ("L", "a", "b")
-        options = BuildOptions(patches=40, active_per_cell=9.5, seed=2**63 - 1, threads=1)
+        options = TileOptions(patches=40, active_per_cell=9.5, seed=2**63 - 1, threads=1)
     else:  # as many active patches as a job has
         lab, valid, size = make_stone(150, 140, 3), np.ones((150, 140), dtype=bool), SizePx(96, 90)
         stored, space, channels = lab.copy(), "lab", ("L", "a", "b")
-        options = BuildOptions(patches=150, active_per_cell=40.0, seed=0, threads=1)
+        options = TileOptions(patches=150, active_per_cell=40.0, seed=0, threads=1)
     quilt = quilt_torus(lab, valid, size, options.seed)
-    texture_map = build(
+    texture_map = build_tile_map(
         lab,
         valid,
         quilt.source,
@@ -124,7 +124,7 @@ def make_built(name: str) -> Built:
     return Built(texture_map, lab, valid, quilt.source, options, stored)
 
 
-def make_hand_map(**changes: object) -> TextureMap:
+def make_hand_map(**changes: object) -> TileMap:
     """Smallest map with everything in it: a 4 x 6 tile over a 5 x 7 base, two patches of A and one of B.
 
     ``changes`` replace fields of the map or of its patches.
@@ -155,7 +155,7 @@ def make_hand_map(**changes: object) -> TextureMap:
         "slabs": (SlabArea("a", 0, 0, 5, 7),),
         "provenance": {"scan": "a.tif"},
     }
-    return TextureMap(**{**fields, **changes})  # type: ignore[arg-type]
+    return TileMap(**{**fields, **changes})  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="session")
@@ -169,7 +169,7 @@ def index_base() -> Callable[[int, int], NDArray[np.int32]]:
 
 
 @pytest.fixture(scope="session")
-def hand_map() -> Callable[..., TextureMap]:
+def hand_map() -> Callable[..., TileMap]:
     return make_hand_map
 
 

@@ -31,9 +31,7 @@ scans = ["slab.tif"]
 square = false
 lighting = false
 [texture]
-map_size_mm = [40, 44]
-patches = 40
-active_per_cell = 9
+crops = 64
 seed = 7
 [tile]
 size_mm = [20, 24]
@@ -48,6 +46,10 @@ directory = "out"
 [report]
 pdf = false
 """
+
+
+TILE = ("crops = 64", 'design = "tile"\nmap_size_mm = [40, 44]\npatches = 40\nactive_per_cell = 9')
+"""Change of the job that makes it one of a repeatable tile."""
 
 
 @dataclass(frozen=True)
@@ -196,6 +198,12 @@ def finished(finished_once: Workshop, tmp_path: Path) -> Workshop:
     """A copy of the finished run, times kept."""
     shutil.copytree(finished_once.folder, tmp_path / "work", copy_function=shutil.copy2)
     return Workshop(tmp_path / "work")
+
+
+@pytest.fixture(scope="session")
+def tile_design() -> tuple[str, str]:
+    """Change of a job that makes it one of a repeatable tile with patches."""
+    return TILE
 
 
 @pytest.fixture(scope="session")

@@ -18,6 +18,7 @@ from tilefab.pipeline.plan import shipped_profiles
 Change = tuple[str, str]
 SCAN = '"slab.tif"'
 PROFILE = '"demo_ceramic.icc"'
+TILE = ("crops = 64", 'design = "tile"\nmap_size_mm = [40, 44]\npatches = 40')
 
 
 def scan(name: str) -> Change:
@@ -63,6 +64,9 @@ def stock(folder: Path, made_stone: Any, scanner: Any) -> None:
     write_exr(folder / "inf.exr", np.inf)
     tifffile.imwrite(folder / "small_mask.tif", np.zeros((50, 50), np.uint8))
     tifffile.imwrite(folder / "white_mask.tif", np.full((100, 110), 255, np.uint8))
+    tifffile.imwrite(folder / "whole_mask.tif", np.zeros((100, 110), np.uint8))
+    grid = np.where((np.indices((100, 110)) % 4 == 0).any(axis=0), 255, 0).astype(np.uint8)
+    tifffile.imwrite(folder / "grid_mask.tif", grid)
     (folder / "srgb.icc").write_bytes(imagecodecs.cms_profile("srgb"))
     (folder / "cut.icc").write_bytes((shipped_profiles() / "demo_ceramic.icc").read_bytes()[:5000])
     (folder / "gray.icc").write_bytes(imagecodecs.cms_profile("gray"))
@@ -72,8 +76,8 @@ CASES: dict[str, tuple[int, list[Change], str]] = {
     "a scan is missing": (3, [scan("absent.tif")], "job.toml:5: slab.scans: there is no file"),
     "a scan is a folder": (3, [scan("folder.tif")], "there is no file"),
     "no resolution is known": (3, [scan("nowhere.tif")], "doesn't state its resolution"),
-    "a key is unknown": (3, [("patches = 40", "pathces = 40")], "did you mean patches?"),
-    "a value has the wrong type": (3, [("patches = 40", 'patches = "many"')], "'many' is not allowed"),
+    "a key is unknown": (3, [("crops = 64", "corps = 64")], "did you mean crops?"),
+    "a value has the wrong type": (3, [("crops = 64", 'crops = "many"')], "'many' is not allowed"),
     "a number is none": (3, [("bleed_mm = 1", "bleed_mm = nan")], "nan is not allowed"),
     "a tile is larger than sense": (3, [("[20, 24]", "[200000, 240000]")], "a face can have 2**30 at most"),
     "a wall has no columns": (3, [("bleed_mm = 1", 'layout = "continuous"')], "how many faces a row of the wall has"),
@@ -96,7 +100,13 @@ CASES: dict[str, tuple[int, list[Change], str]] = {
     "a scan's profile is damaged": (5, [scan("odd_profile.tif")], "profile"),
     "a scan's profile is for inks": (5, [scan("wrong_profile.tif")], "its embedded profile is for CMYK"),
     "the scanner's profile is for gray": (5, [setting('input_profile = "gray.icc"')], "its ICC profile is for GRAY"),
-    "a map is too small": (6, [("[40, 44]", "[2, 44]")], "a map has 16 to 32,768 pixels a side"),
+    "a setting is the other design's": (3, [("crops = 64", "patches = 64")], 'only, this job has "crops"'),
+    "weights have another size": (4, [setting('weights = ["small_mask.tif"]')], "both must be of one size"),
+    "weights for a tile": (3, [setting('weights = ["whole_mask.tif"]'), TILE], "only seams between crops"),
+    "a map is too small": (6, [(TILE[0], TILE[1].replace("[40,", "[2,"))], "a map has 16 to 32,768 pixels a side"),
+    "the mask leaves no room for a crop": (6, [setting('masks = ["grid_mask.tif"]')], "no crops can be made of this"),
+    "a crop is dropped that isn't there": (6, [("crops = 64", "crops = 64\ndrop = [999]")], "there is no crop 999"),
+    "every crop is dropped": (6, [("crops = 64", f"crops = 64\ndrop = {list(range(64))}")], "every crop is dropped"),
     "a scan is too small": (6, [scan("tiny.tif")], "a texture needs 16 at least"),
 }
 
@@ -147,12 +157,12 @@ def test_a_check_lists_the_same_problems(workshop: Any, made_stone: Any, scanner
 
 
 def test_a_check_lists_every_problem_at_once(workshop: Any) -> None:
-    job = workshop.job(("patches = 40", "pathces = 40"), ("count = 8", "count = 0"), ("[20, 24]", "[20, inf]"))
+    job = workshop.job(("crops = 64", "corps = 64"), ("count = 8", "count = 0"), ("[20, 24]", "[20, inf]"))
     done = workshop.cli("job", "check", job, "--json")
     assert [(problem["key"], problem["line"]) for problem in done.json["problems"]] == [
-        ("texture.pathces", 10),
-        ("tile.size_mm", 14),
-        ("tile.count", 16),
+        ("texture.corps", 9),
+        ("tile.size_mm", 12),
+        ("tile.count", 14),
     ]
     assert len(workshop.cli("run", job).errors) == 3
 
@@ -263,7 +273,7 @@ def test_a_report_on_another_job_s_folder(finished: Any, snap: Callable[[Path], 
 
 
 def test_a_defect_says_that_it_is_one(workshop: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    from tilefab.cli import main as module
+    from tilefab.cli import common as module
 
     def defect(*_: object) -> None:
         raise ZeroDivisionError("a defect made by this test")

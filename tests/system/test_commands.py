@@ -164,13 +164,14 @@ def test_a_map_is_built_once_and_told_about(workshop: Any, snap: Callable[[Path]
     assert done.code == 0, done.err
     facts = done.json
     fields = {
-        *("file", "hash", "format_version", "space", "channels", "dtype", "dpi", "base_px", "tile_px", "tile_mm"),
-        *("patches_a", "patches_b", "patch_area_px", "patch_worst_delta_e", "activation_probability", "slabs"),
-        *("method", "preparation"),
+        *("file", "hash", "format_version", "design", "space", "channels", "dtype", "dpi", "base_px", "cell_px"),
+        *("cell_mm", "crops", "crops_shown", "crops_rationed", "features", "overlap_px", "candidates", "sweeps"),
+        *("weights", "slabs", "preparation"),
     }
     assert set(facts) == fields | {"warnings"}
-    assert facts["tile_px"] == [94, 104]
-    assert (facts["space"], facts["dtype"], facts["dpi"], facts["method"]) == ("lab16", "uint16", 60.0, "quilting")
+    assert (facts["design"], facts["crops"], facts["crops_shown"]) == ("crops", 64, 64)
+    assert facts["base_px"] == [110, 100]
+    assert (facts["space"], facts["dtype"], facts["dpi"]) == ("lab16", "uint16", 60.0)
     assert facts["slabs"] == ["slab.tif"]
     before = snap(workshop.out)
     assert list(before) == [Path(facts["file"]).relative_to(workshop.out).as_posix()]

@@ -132,8 +132,7 @@ def test_a_scan_with_alpha_works_and_its_transparent_part_is_not_used(
     assert done.code == 0, done.err
     (path,) = workshop.out.glob("maps/*.texture.tfmap")
     texture = load_texture_map(path)
-    assert (texture.tile_source % texture.base.shape[1]).max() < 80
-    assert (texture.patches.base_col + texture.patches.cols).max() <= 80
+    assert texture.crop_col.max() + texture.crop_px <= 80
 
 
 def test_a_masked_part_is_not_used(workshop: Any, prepared: Any) -> None:
@@ -144,6 +143,18 @@ def test_a_masked_part_is_not_used(workshop: Any, prepared: Any) -> None:
     tifffile.imwrite(workshop.folder / "mask.png.tif", mask)
     preparation, _ = prepared(("square = false", 'square = false\nmasks = ["mask.png.tif"]'))
     assert "slab.tif: 25.0 % not used" in preparation
+    (path,) = workshop.out.glob("maps/*.texture.tfmap")
+    texture = load_texture_map(path)
+    assert texture.crop_row.min() >= 25
+
+
+def test_a_tile_doesn_t_use_a_masked_part_either(workshop: Any, prepared: Any, tile_design: tuple[str, str]) -> None:
+    from tilefab.io import load_texture_map
+
+    mask = np.zeros((100, 110), np.uint8)
+    mask[:25] = 255
+    tifffile.imwrite(workshop.folder / "mask.png.tif", mask)
+    prepared(("square = false", 'square = false\nmasks = ["mask.png.tif"]'), tile_design)
     (path,) = workshop.out.glob("maps/*.texture.tfmap")
     texture = load_texture_map(path)
     assert (texture.tile_source // texture.base.shape[1]).min() >= 25

@@ -403,7 +403,7 @@ OTHERS = [
     ("ink_limit_percent = 260", "ink_limit_percent = 261"),
     ("bleed_mm = 1", "bleed_mm = 2"),
     ("[output]", "[output]\nbits = 16"),
-    ("patches = 40", "patches = 41"),
+    ("crops = 64", "crops = 65"),
 ]
 
 

@@ -3,37 +3,42 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import sys
 import traceback
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 import tilefab
-from tilefab.cli import profile
+from tilefab.cli import maps, profile
+from tilefab.cli.common import (
+    FileOption,
+    JobArgument,
+    JsonOption,
+    OutOption,
+    ThreadsOption,
+    face_number,
+    planned_job,
+    print_json,
+)
 from tilefab.cli.progress import Bars
-from tilefab.cli.show import show_map, show_outcome, show_plan
-from tilefab.config import load_job
+from tilefab.cli.show import show_outcome, show_plan
 from tilefab.errors import ConfigError, Problem, TilefabError
 from tilefab.io.faces import check_preview_path, write_preview
-from tilefab.io.texture_map_file import load_texture_map
-from tilefab.pipeline.describe import map_facts, outcome_facts, plan_facts
+from tilefab.pipeline.describe import outcome_facts, plan_facts
 from tilefab.pipeline.faces import (
     check_face_code,
     check_target,
-    code_is_of,
     face_code,
     face_region,
     parse_face_code,
     write_face,
 )
 from tilefab.pipeline.main_job import do_job
-from tilefab.pipeline.maps import job_maps, proof_map, texture_map, texture_map_path
-from tilefab.pipeline.plan import Plan, plan_job
-from tilefab.pipeline.run_report import job_warnings, write_report
+from tilefab.pipeline.maps import job_maps, proof_map
+from tilefab.pipeline.run_report import write_report
 from tilefab.pipeline.selection import parse_faces
 from tilefab.pipeline.wall import render_wall, wall_index
 from tilefab.sampling.layout import FACE_LIMIT
@@ -53,20 +58,9 @@ app = typer.Typer(
     add_completion=False,
 )
 job_app = typer.Typer(help="Job files: check one.", no_args_is_help=True)
-map_app = typer.Typer(help="Texture maps: build and look into them.", no_args_is_help=True)
 app.add_typer(job_app, name="job")
-app.add_typer(map_app, name="map")
+app.add_typer(maps.app, name="map")
 app.add_typer(profile.app, name="profile")
-
-JobArgument = Annotated[Path, typer.Argument(metavar="JOB", help="Job file (TOML).")]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print the result as JSON, for programs.")]
-OutOption = Annotated[
-    Path | None, typer.Option("--out", metavar="DIR", help="Folder of the run, instead of the job's own.")
-]
-ThreadsOption = Annotated[
-    int | None, typer.Option("--threads", min=1, help="Threads to use; never changes a pixel. [default: all cores]")
-]
-FileOption = Annotated[Path, typer.Option("-o", "--output", metavar="FILE", help="File to write.")]
 
 
 def _version(show: bool) -> None:
@@ -84,23 +78,19 @@ def _main(
     """Prints stone on ceramic tile: a different, re-creatable face on every tile of a run."""
 
 
-def _plan(job: Path, out: Path | None) -> Plan:
-    return plan_job(load_job(job), out)
-
-
 @job_app.command("check")
 def job_check(job: JobArgument, out: OutOption = None, as_json: JsonOption = False) -> None:
     """Check a job file and everything it names; print the resolved job, or every problem at once."""
     try:
-        plan = _plan(job, out)
+        plan = planned_job(job, out)
     except TilefabError as error:
         if not as_json:
             raise
         problems = error.problems if isinstance(error, ConfigError) else [Problem(str(job), None, "", error.message)]
-        _print_json({"valid": False, "problems": [dataclasses.asdict(p) for p in problems]})
+        print_json({"valid": False, "problems": [dataclasses.asdict(p) for p in problems]})
         raise typer.Exit(error.exit_code) from error
     if as_json:
-        _print_json({"valid": True, **plan_facts(plan)})
+        print_json({"valid": True, **plan_facts(plan)})
     else:
         show_plan(plan)
 
@@ -120,7 +110,7 @@ def run(
     as_json: JsonOption = False,
 ) -> None:
     """Make the faces of a job, with manifest and report. A run that was stopped goes on where it stopped."""
-    plan = _plan(job, out)
+    plan = planned_job(job, out)
     try:
         indices = parse_faces(faces, plan.job.tile.count)
     except ConfigError as error:
@@ -129,7 +119,7 @@ def run(
         outcome = do_job(plan, indices, bars, created=datetime.now(), threads=threads, verify=verify)
     facts = outcome_facts(outcome)
     if as_json:
-        _print_json(facts)
+        print_json(facts)
     else:
         show_outcome(facts)
 
@@ -144,8 +134,8 @@ def face(
     as_json: JsonOption = False,
 ) -> None:
     """Re-create one face: print data if FILE ends in .tif, its fired look if in .png or .jpg."""
-    plan = _plan(job, out)
-    number = _face_number(plan, index)
+    plan = planned_job(job, out)
+    number = face_number(plan, index)
     check_target(plan, output)
     with Bars() as bars:
         maps = job_maps(plan, bars, threads)
@@ -163,20 +153,9 @@ def face(
         "code": face_code(plan, maps.press, number),
     }
     if as_json:
-        _print_json(facts)
+        print_json(facts)
     else:
         typer.echo(f"{output}: face {number} ({kind}), {region.cols} x {region.rows} pixels")
-
-
-def _face_number(plan: Plan, text: str) -> int:
-    code = parse_face_code(text)
-    if code is not None:
-        if not code_is_of(plan, code):
-            raise typer.BadParameter("this code was made by another job, or by this job with other settings")
-        text = str(code.index)
-    if not text.isascii() or not text.isdigit() or len(text) > 40 or int(text) >= FACE_LIMIT:
-        raise typer.BadParameter(f"{text!r} is neither a face number (0 .. 2**40 - 1) nor the text of a face's code")
-    return int(text)
 
 
 @app.command("wall")
@@ -193,7 +172,7 @@ def wall(
     as_json: JsonOption = False,
 ) -> None:
     """Picture of a wall of many faces in their fired colours (.png, .jpg or .tif)."""
-    plan = _plan(job, out)
+    plan = planned_job(job, out)
     if wall_index(plan, rows - 1, cols - 1, cols, first) >= FACE_LIMIT:
         raise typer.BadParameter("the last face of this wall would be beyond 2**40 - 1; use a smaller --first")
     check_preview_path(output)
@@ -214,38 +193,9 @@ def wall(
         dpi = picture.shape[1] / (cols * plan.tile_mm.width / 25.4)
         write_preview(output, picture, dpi)
     if as_json:
-        _print_json({"file": str(output), "rows": picture.shape[0], "cols": picture.shape[1], "tiles": [rows, cols]})
+        print_json({"file": str(output), "rows": picture.shape[0], "cols": picture.shape[1], "tiles": [rows, cols]})
     else:
         typer.echo(f"{output}: {rows} x {cols} tiles, {picture.shape[1]} x {picture.shape[0]} pixels")
-
-
-@map_app.command("build")
-def map_build(
-    job: JobArgument, out: OutOption = None, threads: ThreadsOption = None, as_json: JsonOption = False
-) -> None:
-    """Build a job's texture map, or find it built, in the run's folder."""
-    plan = _plan(job, out)
-    with Bars() as bars:
-        built = texture_map(plan, bars, threads, must_keep=True)
-    facts = map_facts(built, texture_map_path(plan))
-    if as_json:
-        _print_json({**facts, "warnings": job_warnings(built)})
-    else:
-        show_map(facts, job_warnings(built))
-
-
-@map_app.command("info")
-def map_info(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Texture-map file (.tfmap).")],
-    as_json: JsonOption = False,
-) -> None:
-    """Check a texture-map file and show what is in it."""
-    loaded = load_texture_map(file)
-    facts = map_facts(loaded, file)
-    if as_json:
-        _print_json(facts)
-    else:
-        show_map(facts, ())
 
 
 @app.command("report")
@@ -259,17 +209,13 @@ def report(
     as_json: JsonOption = False,
 ) -> None:
     """Draw the PDF report of a run anew."""
-    plan = _plan(job, out)
+    plan = planned_job(job, out)
     with Bars() as bars:
         path = write_report(plan, bars, created=datetime.now(), path=output, threads=threads)
     if as_json:
-        _print_json({"report": str(path)})
+        print_json({"report": str(path)})
     else:
         typer.echo(str(path))
-
-
-def _print_json(value: Any) -> None:
-    typer.echo(json.dumps(value, indent=2, ensure_ascii=False, default=str))
 
 
 def main() -> None:

@@ -10,6 +10,12 @@ SCHEMA_VERSION = 1
 LARGEST_FACE_PX = 1 << 30
 """More pixels than this a face can't have: some 3.3 m square at 250 dpi."""
 
+OF_DESIGN = {
+    "crops": ("crops", "ration", "drop", "keep"),
+    "tile": ("method", "map_size_mm", "patches", "active_per_cell"),
+}
+"""Settings of [texture] that mean something to one design only."""
+
 
 class Section(BaseModel):
     """A table of a job file: unknown keys are errors, values can't change once read."""
@@ -53,6 +59,11 @@ class Slab(Section):
         None,
         description='One mask for each scan, white where it is not to be used; "" for a scan without one.',
     )
+    weights: list[str] | None = Field(
+        None,
+        description="One grayscale image for each scan, as large as it, the brighter the less may be cut there: paint "
+        'what must stay whole; "" for a scan without one. Only for `design = "crops"`.',
+    )
     square: bool = Field(True, description="Find the slab on the scanner, turn it upright and trim its surround.")
     trim_mm: float = Field(0.0, ge=0, le=1000, description="Width to trim off each edge of the slab.")
     lighting: bool = Field(True, description="Remove uneven lighting of the scanner.")
@@ -68,6 +79,8 @@ class Slab(Section):
     def _check(self) -> Slab:
         if self.masks is not None and len(self.masks) != len(self.scans):
             raise ValueError(f"masks: {len(self.masks)} given for {len(self.scans)} scans; give one each")
+        if self.weights is not None and len(self.weights) != len(self.scans):
+            raise ValueError(f"weights: {len(self.weights)} given for {len(self.scans)} scans; give one each")
         if self.target_lab is not None and not (
             0 <= self.target_lab[0] <= 100 and all(abs(v) <= 127 for v in self.target_lab[1:])
         ):
@@ -75,26 +88,62 @@ class Slab(Section):
         return self
 
 
+CropNumbers = list[Annotated[int, Field(ge=0, lt=1 << 20)]]
+
+
 class Texture(Section):
     """[texture]: how the texture map is made."""
 
-    method: Literal["quilting"] = Field("quilting", description="How the repeatable tile is grown.")
-    map_size_mm: Size | None = Field(
-        None, description="Size of the repeatable tile. Default: 1.5 times the slab, at most 4,096 pixels."
+    design: Literal["crops", "tile"] = Field(
+        "crops",
+        description="`crops`: pieces of the slab, chosen so that neighbours join well; nothing repeats. `tile`: one "
+        "repeatable tile with interchangeable patches.",
     )
     feature_mm: float | None = Field(
         None,
         gt=0,
         description="Size of the largest thing in the stone that should stay whole. Default: a quarter of the slab.",
     )
-    patches: int = Field(600, ge=0, le=4000, description="Interchangeable patches to aim for.")
+    crops: int = Field(
+        1024,
+        ge=16,
+        le=4096,
+        description="How many crops of the slab to choose from: more join better and take longer (crops only).",
+    )
+    ration: bool = Field(
+        True,
+        description="Let striking features of the stone take turns, so that none recurs close by (crops only).",
+    )
+    drop: CropNumbers = Field(
+        [], max_length=4096, description="Crops never to show, by their numbers in `tilefab map review` (crops only)."
+    )
+    keep: CropNumbers = Field(
+        [],
+        max_length=4096,
+        description="The only crops to show, less those in `drop`; empty: all (crops only).",
+    )
+    method: Literal["quilting"] = Field("quilting", description="How the repeatable tile is grown (tile only).")
+    map_size_mm: Size | None = Field(
+        None, description="Size of the repeatable tile (tile only). Default: 1.5 times the slab, at most 4,096 pixels."
+    )
+    patches: int = Field(600, ge=0, le=4000, description="Interchangeable patches to aim for (tile only).")
     active_per_cell: float = Field(
         40.0,
         ge=0,
         le=4000,
-        description="Patches that each cell of the plane tries to show, on average.",
+        description="Patches that each cell of the plane tries to show, on average (tile only).",
     )
     seed: int = Field(0, ge=0, lt=1 << 63, description="Job seed: another seed gives other faces.")
+
+    @model_validator(mode="after")
+    def _check(self) -> Texture:
+        other = "tile" if self.design == "crops" else "crops"
+        for key in sorted(self.model_fields_set & set(OF_DESIGN[other]), key=OF_DESIGN[other].index):
+            raise ValueError(
+                f'{key}: means something with design = "{other}" only, this job has "{self.design}"; remove it, or '
+                f'write design = "{other}"'
+            )
+        return self
 
 
 class Tile(Section):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio
+from numpy.typing import NDArray
 
 from tilefab.errors import ImageError
 from tilefab.types import Array, Mask, SizePx
@@ -17,6 +18,7 @@ _INCH_IN = {"in": 1.0, "inch": 1.0, "cm": 2.54, "m": 0.0254}
 _PLAUSIBLE_DPI = (10.0, 20000.0)
 _OPAQUE = 0.999
 _SEVERAL = "tilefab:several_images"
+_BAND_ROWS = 512
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +84,9 @@ def read_scan(path: Path) -> Scan:
     valid = np.ones(pixels.shape[:2], dtype=bool)
     alpha = _alpha_channel(spec)
     if alpha is not None:
-        opacity = pixels[..., alpha].astype(np.float32)
-        if pixels.dtype.kind == "u":
-            opacity /= np.iinfo(pixels.dtype).max
-        valid = opacity >= _OPAQUE
+        full = np.float32(np.iinfo(pixels.dtype).max if pixels.dtype.kind == "u" else 1)
+        for band in _bands(pixels):
+            valid[band] = pixels[band, :, alpha].astype(np.float32) / full >= _OPAQUE
         pixels = np.delete(pixels, alpha, axis=2)
         share = 100.0 * float((~valid).mean())
         notes.append(f"{path.name} has an alpha channel: {share:.1f} % of it is transparent and not used")
@@ -104,7 +105,7 @@ def read_scan(path: Path) -> Scan:
         notes.append(f"{path.name} is grayscale: it is used as a neutral grey stone")
     pixels = np.ascontiguousarray(pixels)
     if pixels.dtype.kind == "f":
-        pixels = _finite(path, pixels, valid, notes)
+        _make_finite(path, pixels, valid, notes)
     if spec.getattribute("Orientation") not in (None, 1):
         notes.append(f"{path.name} was turned upright, as its file says")
     if spec.getattribute(_SEVERAL):
@@ -120,22 +121,38 @@ def read_mask(path: Path, shape: tuple[int, int]) -> Mask:
     ImageError
         If it can't be read or isn't as large as its scan.
     """
-    pixels, spec = _read(path)
-    if pixels.shape[:2] != shape:
-        raise ImageError(
-            f"{path}: the mask has {pixels.shape[1]} x {pixels.shape[0]} pixels but its scan {shape[1]} x "
-            f"{shape[0]}; both must be of one size",
-            path=str(path),
-        )
-    alpha = _alpha_channel(spec)
-    colour = pixels if alpha is None or pixels.shape[2] == 1 else np.delete(pixels, alpha, axis=2)
-    limit = np.iinfo(pixels.dtype).max / 2 if pixels.dtype.kind == "u" else 0.5
-    good: Mask = ~(colour.astype(np.float32).mean(axis=2) > limit)
+    grey = _read_grey(path, shape, "mask")
+    limit = np.iinfo(grey.dtype).max / 2 if grey.dtype.kind == "u" else 0.5
+    good: Mask = np.empty(shape, dtype=bool)
+    for band in _bands(grey):
+        good[band] = ~(grey[band].astype(np.float32).mean(axis=2) > limit)
     if not good.any():
         raise ImageError(
             f"{path}: the mask leaves nothing of the scan; white marks what is not to be used", path=str(path)
         )
     return good
+
+
+def read_weights(path: Path, shape: tuple[int, int]) -> NDArray[np.uint8]:
+    """Read weights of what must not be cut: black may be, white should not.
+
+    Returns
+    -------
+    numpy.ndarray
+        (rows, cols) uint8, 0 to 255.
+
+    Raises
+    ------
+    ImageError
+        If it can't be read or isn't as large as its scan.
+    """
+    grey = _read_grey(path, shape, "image of weights")
+    full = np.float32(np.iinfo(grey.dtype).max if grey.dtype.kind == "u" else 1)
+    weights = np.empty(shape, dtype=np.uint8)
+    for band in _bands(grey):
+        level = np.nan_to_num(grey[band].astype(np.float32).mean(axis=2) / full, posinf=1)
+        weights[band] = np.rint(255 * np.clip(level, 0, 1))
+    return weights
 
 
 def scan_facts(path: Path) -> ScanFacts:
@@ -204,24 +221,47 @@ def _read(path: Path) -> tuple[Array, Any]:
     return pixels, spec
 
 
+def _read_grey(path: Path, shape: tuple[int, int], what: str) -> Array:
+    """Pixels of an image that lies over a scan, (rows, cols, channels) without alpha."""
+    pixels, spec = _read(path)
+    if pixels.shape[:2] != shape:
+        raise ImageError(
+            f"{path}: the {what} has {pixels.shape[1]} x {pixels.shape[0]} pixels but its scan {shape[1]} x "
+            f"{shape[0]}; both must be of one size",
+            path=str(path),
+        )
+    alpha = _alpha_channel(spec)
+    return pixels if alpha is None or pixels.shape[2] == 1 else np.delete(pixels, alpha, axis=2)
+
+
+def _bands(pixels: Array) -> Iterator[slice]:
+    return (slice(top, top + _BAND_ROWS) for top in range(0, len(pixels), _BAND_ROWS))
+
+
 def _unreadable(path: Path, reason: str) -> ImageError:
     first_line = (reason or "unknown reason").strip().splitlines()[0]
     return ImageError(f"{path}: damaged or not an image: {first_line}; scan or export it again", path=str(path))
 
 
-def _finite(path: Path, pixels: Array, valid: Mask, notes: list[str]) -> Array:
-    bad = ~np.isfinite(pixels).all(axis=2) & valid
-    if bad.any():
-        row, col = (int(k) for k in np.argwhere(bad)[0])
+def _make_finite(path: Path, pixels: Array, valid: Mask, notes: list[str]) -> None:
+    """Set to 0, in place, what is negative or transparent."""
+    wrong, first, negative = 0, (0, 0), 0
+    for band in _bands(pixels):
+        bad = ~np.isfinite(pixels[band]).all(axis=2) & valid[band]
+        if bad.any() and not wrong:
+            row, col = (int(k) for k in np.argwhere(bad)[0])
+            first = (band.start + row, col)
+        wrong += int(np.count_nonzero(bad))
+        negative += int(np.count_nonzero((pixels[band] < 0).any(axis=2) & valid[band]))
+        pixels[band] = np.where(valid[band][..., None], np.maximum(pixels[band], 0), 0)
+    if wrong:
         raise ImageError(
-            f"{path}: {np.count_nonzero(bad)} pixels are NaN or infinite, the first at row {row}, column {col}; "
+            f"{path}: {wrong} pixels are NaN or infinite, the first at row {first[0]}, column {first[1]}; "
             "export the scan again without them",
             path=str(path),
         )
-    negative = int(np.count_nonzero((pixels < 0).any(axis=2) & valid))
     if negative:
         notes.append(f"{path.name} has {negative} pixels with negative values: they are set to 0")
-    return np.where(valid[..., None], np.maximum(pixels, 0), 0).astype(np.float32)
 
 
 def _orientation(spec: Any) -> Callable[[Array], Array]:

@@ -23,14 +23,15 @@ import numpy as np
 
 from tilefab.errors import TextureMapError
 from tilefab.io.atomic import atomic_write
-from tilefab.sampling.texture_map import FORMAT_VERSION, Patches, SlabArea, TextureMap
+from tilefab.sampling import FORMAT_VERSION, CropMap, SlabArea, TextureMap, TileMap
 from tilefab.types import Array
 
 MAGIC = b"tilefab map\n"
 SUFFIX = ".tfmap"
 _ALIGNMENT = 64
 _PREFIX = struct.Struct("<12sIQ")
-_DTYPES = frozenset({"|u1", "<u2", "<u4", "<i4", "<i8", "<f4", "<f8", "|b1"})
+_DTYPES = frozenset({"|u1", "<u2", "<u4", "<i4", "<i8", "<f4", "<f8", "|b1", "|i1"})
+_DESIGNS: dict[str, type[TextureMap]] = {"tile": TileMap, "crops": CropMap}
 
 
 def save_texture_map(path: Path | str, texture_map: TextureMap) -> None:
@@ -51,11 +52,11 @@ def save_texture_map(path: Path | str, texture_map: TextureMap) -> None:
         offset += -(-array.nbytes // _ALIGNMENT) * _ALIGNMENT
     header = {
         "hash": texture_map.hash,
-        "activation_threshold": texture_map.activation_threshold,
+        "design": texture_map.design,
+        "parameters": texture_map.parameters(),
         "space": texture_map.space,
         "channels": list(texture_map.channels),
         "dpi": texture_map.dpi,
-        "count_a": texture_map.patches.count_a,
         "slabs": [[s.name, s.base_row, s.base_col, s.rows, s.cols] for s in texture_map.slabs],
         "provenance": texture_map.provenance,
         "arrays": table,
@@ -94,6 +95,39 @@ def load_texture_map(path: Path | str) -> TextureMap:
         If the file is missing, isn't a texture map, is truncated or damaged, or comes from a later version.
     """
     path = Path(path)
+    text, length = _read_header(path)
+    try:
+        header = json.loads(text)
+        data = np.memmap(path, dtype=np.uint8, mode="r", offset=0)
+        arrays = {entry["name"]: _array(path, data, _PREFIX.size + length, entry) for entry in header["arrays"]}
+        _check_gaps(path, data, _PREFIX.size + length, header["arrays"])
+        texture_map = _assemble(header, arrays)
+        stated = str(header["hash"])
+    except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
+        raise _error(path, f"damaged ({error}); build the map again") from error
+    if texture_map.hash != stated:
+        raise _error(path, "damaged: its contents don't match its checksum; build the map again")
+    return texture_map
+
+
+def read_provenance(path: Path | str) -> dict[str, str]:
+    """What a map was made from, without reading, or checking, the rest of its file.
+
+    Raises
+    ------
+    TextureMapError
+        If the file is missing, isn't a texture map, or its header is damaged or of another version.
+    """
+    path = Path(path)
+    text, _ = _read_header(path)
+    try:
+        return {str(k): str(v) for k, v in json.loads(text)["provenance"].items()}
+    except (LookupError, ValueError, TypeError, AttributeError, RecursionError) as error:
+        raise _error(path, f"damaged ({error}); build the map again") from error
+
+
+def _read_header(path: Path) -> tuple[bytes, int]:
+    """Text of the header, and its length in the file."""
     try:
         size = path.stat().st_size
         with path.open("rb") as file:
@@ -114,18 +148,7 @@ def load_texture_map(path: Path | str) -> TextureMap:
     except OSError as error:
         reason = "there is no such file" if isinstance(error, FileNotFoundError) else error.strerror
         raise _error(path, f"can't be read: {reason}") from error
-    try:
-        header = json.loads(text)
-        data = np.memmap(path, dtype=np.uint8, mode="r", offset=0)
-        arrays = {entry["name"]: _array(path, data, _PREFIX.size + length, entry) for entry in header["arrays"]}
-        _check_gaps(path, data, _PREFIX.size + length, header["arrays"])
-        texture_map = _assemble(header, arrays)
-        stated = str(header["hash"])
-    except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
-        raise _error(path, f"damaged ({error}); build the map again") from error
-    if texture_map.hash != stated:
-        raise _error(path, "damaged: its contents don't match its checksum; build the map again")
-    return texture_map
+    return text, length
 
 
 def _array(path: Path, data: Array, start: int, entry: dict[str, Any]) -> Array:
@@ -157,17 +180,17 @@ def _check_gaps(path: Path, data: Array, start: int, table: list[dict[str, Any]]
 
 
 def _assemble(header: dict[str, Any], arrays: dict[str, Array]) -> TextureMap:
-    of_patches = {name.removeprefix("patch_"): a for name, a in arrays.items() if name.startswith("patch_")}
-    return TextureMap(
+    kind = _DESIGNS[header["design"]]
+    parameters = {str(name): int(value) for name, value in header["parameters"].items()}
+    fields: dict[str, Any] = kind.design_fields(parameters, arrays)
+    return kind(
         base=arrays["base"],
-        tile_source=arrays["tile_source"],
-        patches=Patches(count_a=int(header["count_a"]), **of_patches),
-        activation_threshold=int(header["activation_threshold"]),
         space=str(header["space"]),
         channels=tuple(str(name) for name in header["channels"]),
         dpi=float(header["dpi"]),
         slabs=tuple(SlabArea(str(s[0]), *(int(k) for k in s[1:])) for s in header["slabs"]),
         provenance={str(k): str(v) for k, v in header["provenance"].items()},
+        **fields,
     )
 
 

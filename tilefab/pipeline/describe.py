@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from tilefab.pipeline.crop_sample import shown_crops
 from tilefab.pipeline.main_job import JobOutcome
 from tilefab.pipeline.plan import Plan
 from tilefab.pipeline.run_report import preparation_log
-from tilefab.sampling import FORMAT_VERSION, TextureMap
+from tilefab.sampling import FORMAT_VERSION, CropMap, TextureMap, TileMap
 from tilefab.units import mm_from_px
 
 
@@ -20,6 +22,7 @@ def plan_facts(plan: Plan) -> dict[str, Any]:
     job["job"]["name"] = plan.name
     job["slab"]["scans"] = [str(scan.path) for scan in plan.scans]
     job["slab"]["masks"] = [str(scan.mask) if scan.mask else "" for scan in plan.scans]
+    job["slab"]["weights"] = [str(scan.weights) if scan.weights else "" for scan in plan.scans]
     job["slab"]["dpi"] = [scan.dpi for scan in plan.scans]
     job["slab"]["size_px"] = [f"{scan.facts.size.cols} x {scan.facts.size.rows}" for scan in plan.scans]
     job["slab"]["input_profile"] = plan.input_profile.path if plan.input_profile else None
@@ -57,26 +60,52 @@ def _log(entries: tuple[tuple[str, str], ...]) -> list[dict[str, str]]:
 
 def map_facts(texture: TextureMap, path: Path) -> dict[str, Any]:
     """What a texture map holds."""
-    patches = texture.patches
-    rows, cols = texture.tile_shape
-    area = patches.area_px
-    return {
+    rows, cols = texture.cell_shape
+    facts: dict[str, Any] = {
         "file": str(path),
         "hash": texture.hash,
         "format_version": FORMAT_VERSION,
+        "design": texture.design,
         "space": texture.space,
         "channels": list(texture.channels),
         "dtype": str(texture.base.dtype),
         "dpi": texture.dpi,
         "base_px": [texture.base.shape[1], texture.base.shape[0]],
-        "tile_px": [cols, rows],
-        "tile_mm": [round(mm_from_px(cols, texture.dpi), 1), round(mm_from_px(rows, texture.dpi), 1)],
+        "cell_px": [cols, rows],
+        "cell_mm": [round(mm_from_px(cols, texture.dpi), 1), round(mm_from_px(rows, texture.dpi), 1)],
+    }
+    if isinstance(texture, CropMap):
+        facts |= _crop_facts(texture)
+    elif isinstance(texture, TileMap):
+        facts |= _tile_facts(texture)
+    return {
+        **facts,
+        "slabs": [slab.name for slab in texture.slabs],
+        "preparation": _log(preparation_log(texture)),
+    }
+
+
+def _crop_facts(texture: CropMap) -> dict[str, Any]:
+    return {
+        "crops": len(texture.crop_row),
+        "crops_shown": int(np.count_nonzero(shown_crops(texture))),
+        "crops_rationed": int((texture.ration >= 0).sum()),
+        "features": len(json.loads(texture.provenance.get("features", "[]"))),
+        "overlap_px": texture.overlap_px,
+        "candidates": texture.candidates,
+        "sweeps": texture.sweeps,
+        "weights": texture.provenance.get("weights") == "yes",
+    }
+
+
+def _tile_facts(texture: TileMap) -> dict[str, Any]:
+    patches = texture.patches
+    area = patches.area_px
+    return {
         "patches_a": patches.count_a,
         "patches_b": len(patches) - patches.count_a,
         "patch_area_px": [int(area.min()), int(np.median(area)), int(area.max())] if len(patches) else [],
         "patch_worst_delta_e": round(float(patches.worst_delta_e.max()), 2) if len(patches) else None,
         "activation_probability": round(texture.activation_threshold / 2**32, 6),
-        "slabs": [slab.name for slab in texture.slabs],
         "method": texture.provenance.get("method"),
-        "preparation": _log(preparation_log(texture)),
     }

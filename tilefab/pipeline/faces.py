@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ from tilefab.io.faces import PREVIEW_SUFFIXES, PrintTags, pixel_hash, write_prev
 from tilefab.io.manifest import JOB_RECORD_NAME, MANIFEST_NAME, Manifest
 from tilefab.pipeline.maps import MAPS_FOLDER, JobMaps, proof_map
 from tilefab.pipeline.plan import Plan
-from tilefab.sampling import Region, TextureMap, render
+from tilefab.sampling import CropMap, CropPlan, Region, TextureMap, plan_region, render, render_plan
 from tilefab.types import Array
 
 _CODE = re.compile(r"^tilefab face=(\d{1,40}) .*\bjob=([0-9a-f]{32})\b")
@@ -34,7 +35,47 @@ class FaceCode:
 
 def face_region(plan: Plan, texture: TextureMap, index: int) -> Region:
     """Region of the plane that a face shows, bleed included."""
-    return plan.layout(texture.tile_shape).face(index)
+    return plan.layout(texture).face(index)
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedFace:
+    """A face's region, and for crops what shows where: made once, rendered from every map of the job.
+
+    Attributes
+    ----------
+    region
+        Of the plane.
+    crops
+        See `tilefab.sampling.plan_region`; ``None`` for other designs.
+    """
+
+    region: Region
+    crops: CropPlan | None
+
+
+def plan_face(
+    plan: Plan, texture: TextureMap, index: int, *, threads: int | None = None, bleed: bool = True
+) -> PlannedFace:
+    """Find out what a face shows, from any of the job's maps."""
+    whole = face_region(plan, texture, index)
+    margin = 0 if bleed else plan.bleed_px
+    region = Region(whole.row + margin, whole.col + margin, whole.rows - 2 * margin, whole.cols - 2 * margin)
+    if not isinstance(texture, CropMap):
+        return PlannedFace(region, None)
+    workers = threads or os.cpu_count() or 1
+    place = (region.row, region.col, region.rows, region.cols)
+    return PlannedFace(region, plan_region(texture, *place, seed=plan.seed, threads=workers))
+
+
+def render_planned(
+    plan: Plan, texture: TextureMap, face: PlannedFace, *, threads: int | None = None, out: Array | None = None
+) -> Array:
+    """Pixels of a planned face from any of the job's maps."""
+    if face.crops is not None and isinstance(texture, CropMap):
+        return render_plan(texture, face.crops, out=out, threads=threads)
+    region = face.region
+    return render(texture, region.row, region.col, region.rows, region.cols, seed=plan.seed, out=out, threads=threads)
 
 
 def render_face(
@@ -47,18 +88,8 @@ def render_face(
     bleed: bool = True,
 ) -> Array:
     """Pixels of one face of a job from any of its maps."""
-    region = face_region(plan, texture, index)
-    margin = 0 if bleed else plan.bleed_px
-    return render(
-        texture,
-        region.row + margin,
-        region.col + margin,
-        region.rows - 2 * margin,
-        region.cols - 2 * margin,
-        seed=plan.seed,
-        threads=threads,
-        out=out,
-    )
+    face = plan_face(plan, texture, index, threads=threads, bleed=bleed)
+    return render_planned(plan, texture, face, threads=threads, out=out)
 
 
 def face_code(plan: Plan, press: TextureMap, index: int) -> str:
@@ -107,7 +138,7 @@ def check_target(plan: Plan, path: Path) -> None:
         If ``path`` is such a file.
     """
     target = path.resolve()
-    read = {scan.path for scan in plan.scans} | {scan.mask for scan in plan.scans if scan.mask}
+    read = {path for scan in plan.scans for path in (scan.path, scan.mask, scan.weights) if path is not None}
     read |= {plan.job_file.path.resolve(), Path(plan.press_profile.path).resolve()}
     if plan.input_profile is not None:
         read.add(Path(plan.input_profile.path).resolve())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,24 +9,21 @@ from pathlib import Path
 import numpy as np
 
 from tilefab.colour import PressTransform, limit_total_ink, quantise_inks, srgb_from_xyz, xyz_from_lab
-from tilefab.colour.encoding import LAB16_CHANNELS, LAB16_SPACE, decode_lab16, encode_lab16
+from tilefab.colour.encoding import decode_lab16
 from tilefab.errors import OutputError, SynthesisError, TextureMapError
 from tilefab.io.atomic import make_folder
 from tilefab.io.manifest import folder_owner
 from tilefab.io.texture_map_file import SUFFIX, load_texture_map, save_texture_map
+from tilefab.pipeline.crops import build_crops, rebuilt_crops
+from tilefab.pipeline.kept_slab import forget_slabs, kept_or_prepared
 from tilefab.pipeline.plan import Plan
-from tilefab.pipeline.prepare import PreparedSlab, prepare_slab
+from tilefab.pipeline.prepare import PreparedSlab
 from tilefab.pipeline.progress import Progress
-from tilefab.sampling import BuildOptions, TextureMap, build
-from tilefab.synthesis import METHODS, SynthesisRequest
-from tilefab.types import SizeMm, SizePx
-from tilefab.units import px_from_mm, size_px_from_mm
+from tilefab.pipeline.tiles import build_tile
+from tilefab.sampling import TextureMap
 
 MAPS_FOLDER = "maps"
 RGB_SPACE = "srgb8"
-_DEFAULT_MAP_SCALE = 1.5
-_LARGEST_DEFAULT_MAP_PX = 4096
-_SMALLEST_MAP_PX = 16
 MIN_SLAB_PX = 16
 _STRIP_ROWS = 256
 _KEY_DIGITS = 16
@@ -88,8 +84,12 @@ def texture_map(plan: Plan, progress: Progress, threads: int | None = None, *, m
             # Before minutes of work, not after.
             check_owner(plan)
             make_folder(path.parent)
-        texture = build_map(plan, progress, threads)
+        texture = rebuilt_crops(plan, path.parent, progress) if plan.job.texture.design == "crops" else None
+        if texture is None:
+            texture = build_map(plan, progress, threads, path.parent if must_keep else None)
         _save(plan, path, texture, progress, must_keep)
+        if must_keep:
+            forget_slabs(path.parent)
     return texture
 
 
@@ -115,92 +115,48 @@ def texture_map_path(plan: Plan) -> Path:
     return plan.output / MAPS_FOLDER / f"{plan.map_key[:_KEY_DIGITS]}.texture{SUFFIX}"
 
 
-def build_map(plan: Plan, progress: Progress, threads: int | None = None) -> TextureMap:
+def build_map(plan: Plan, progress: Progress, threads: int | None = None, keep_in: Path | None = None) -> TextureMap:
     """Prepare the slab and build its texture map.
+
+    Parameters
+    ----------
+    plan, progress, threads
+        See `job_maps`.
+    keep_in
+        Folder of the maps, where the prepared slab waits until the map is saved; ``None``: nothing is kept.
 
     Raises
     ------
     ImageError, ProfileError
         If the scans can't be used.
     SynthesisError
-        If no tile can be grown from them.
+        If no map can be made of them.
     """
-    slab = prepare_slab(plan, progress)
-    if min(slab.valid.shape) < MIN_SLAB_PX:
-        raise SynthesisError(
-            f"the stone is {slab.valid.shape[1]} x {slab.valid.shape[0]} pixels at {plan.job.tile.dpi:g} dpi; a "
-            f"texture needs {MIN_SLAB_PX} at least: use a larger scan, or check dpi"
-        )
-    stored = encode_lab16(slab.lab_d50)
-    # From here on the stored numbers count, so that a map can be rebuilt from its own base.
-    lab = decode_lab16(stored)
-    texture = plan.job.texture
-    size, notes = _map_size(plan, slab)
-    feature_px = px_from_mm(texture.feature_mm, plan.job.tile.dpi) if texture.feature_mm else None
-    request = SynthesisRequest(lab, slab.valid, size, plan.seed, feature_px)
-    stage = "Growing the tile"
+    slab = kept_or_prepared(plan, progress, threads, keep_in)
     try:
-        grown = METHODS[texture.method](request, lambda share: progress.stage(stage, share))
-    except ValueError as error:
-        raise SynthesisError(
-            f"no tile can be grown from this slab at {plan.job.tile.dpi:g} dpi: {error}; use a larger scan, "
-            "or check dpi"
-        ) from error
-    progress.stage(stage, 1.0)
-    warnings = [*slab.warnings, *notes]
-    provenance = {
-        "map_key": plan.map_key,
-        "method": texture.method,
-        "tile_worst_seam_delta_e": f"{grown.worst_seam_delta_e:.2f}",
-        "tile_mean_seam_delta_e": f"{grown.mean_seam_delta_e:.2f}",
-        "patches_wanted": str(texture.patches),
-        "preparation": json.dumps(slab.log, ensure_ascii=False),
-        "warnings": json.dumps(warnings, ensure_ascii=False),
-    }
-    stage_cuts = "Cutting patches"
-    built = build(
-        lab,
-        slab.valid,
-        grown.source,
-        BuildOptions(texture.patches, texture.active_per_cell, plan.seed, threads),
-        stored=stored,
-        space=LAB16_SPACE,
-        channels=LAB16_CHANNELS,
-        dpi=plan.job.tile.dpi,
-        slabs=slab.slabs,
-        provenance=provenance,
-        progress=lambda share: progress.stage(stage_cuts, share),
-    )
-    progress.stage(stage_cuts, 1.0)
-    return built
-
-
-def _map_size(plan: Plan, slab: PreparedSlab) -> tuple[SizePx, list[str]]:
-    dpi = plan.job.tile.dpi
-    if plan.job.texture.map_size_mm is not None:
-        width, height = plan.job.texture.map_size_mm
-        size = size_px_from_mm(SizeMm(width, height), dpi)
-        if min(size.rows, size.cols) < _SMALLEST_MAP_PX or max(size.rows, size.cols) > 1 << 15:
+        if min(slab.valid.shape) < MIN_SLAB_PX:
             raise SynthesisError(
-                f"map_size_mm {width:g} x {height:g} is {size.cols} x {size.rows} pixels at {dpi:g} dpi; a map has "
-                f"{_SMALLEST_MAP_PX} to 32,768 pixels a side"
+                f"the stone is {slab.valid.shape[1]} x {slab.valid.shape[0]} pixels at {plan.job.tile.dpi:g} dpi; a "
+                f"texture needs {MIN_SLAB_PX} at least: use a larger scan, or check dpi"
             )
-    else:
-        size = SizePx(
-            *(
-                min(_LARGEST_DEFAULT_MAP_PX, max(_SMALLEST_MAP_PX, round(_DEFAULT_MAP_SCALE * n)))
-                for n in slab.valid.shape
-            )
-        )
-    notes = []
+        build = build_tile if plan.job.texture.design == "tile" else build_crops
+        return build(plan, slab, _notes(plan, slab), progress, threads)
+    except SynthesisError:
+        if keep_in is not None:
+            forget_slabs(keep_in)
+        raise
+
+
+def _notes(plan: Plan, slab: PreparedSlab) -> list[str]:
+    """What the operator should know of a slab, whichever design is built from it."""
     usable = int(np.count_nonzero(slab.valid))
-    if usable < plan.tile_px.rows * plan.tile_px.cols:
-        share = usable / (plan.tile_px.rows * plan.tile_px.cols)
-        notes.append(
-            f"The stone scanned is {share:.2f} times as large as a tile: its features recur within each face. "
-            "Scan more of it"
-        )
-    return size, notes
+    share = usable / (plan.tile_px.rows * plan.tile_px.cols)
+    if share >= 1:
+        return []
+    return [
+        f"The stone scanned is {share:.2f} times as large as a tile: its features recur within each face. "
+        "Scan more of it"
+    ]
 
 
 def convert_map(plan: Plan, texture: TextureMap, progress: Progress, threads: int | None = None) -> TextureMap:

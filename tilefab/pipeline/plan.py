@@ -11,14 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tilefab.config import Job, JobFile
+from tilefab.config.models import OF_DESIGN
 from tilefab.errors import ConfigError, ImageError, Problem, ProfileError
 from tilefab.io.icc import IccProfile, parse_icc_profile, read_icc_profile, require_press_profile
 from tilefab.io.scans import ScanFacts, scan_facts
-from tilefab.sampling import FORMAT_VERSION, PlaneLayout
+from tilefab.sampling import FORMAT_VERSION, CropMap, PlaneLayout, TextureMap
 from tilefab.types import SizeMm, SizePx
 from tilefab.units import px_from_mm, size_px_from_mm
 
-PREPARATION_VERSION = 1
+PREPARATION_VERSION = 2
 """Raised whenever the same scans and settings would be prepared into another map."""
 
 CONVERSION_VERSION = 1
@@ -29,12 +30,13 @@ PACKAGE_SCHEME = "package:"
 
 @dataclass(frozen=True)
 class SlabScan:
-    """A scan and the mask that goes with it."""
+    """A scan and what goes with it: a mask of what not to use, weights of what not to cut."""
 
     path: Path
     mask: Path | None
     facts: ScanFacts
     dpi: float
+    weights: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,10 @@ class Plan:
         The press's.
     output
         The run's folder.
+    slab_key
+        Hash of all that the prepared slab depends on.
+    build_key
+        Hash of all that the texture map depends on, but for the lists of crops to drop and to keep.
     map_key
         Hash of all that the texture map depends on.
     press_key
@@ -66,6 +72,8 @@ class Plan:
     input_profile: IccProfile | None
     press_profile: IccProfile
     output: Path
+    slab_key: str
+    build_key: str
     map_key: str
     press_key: str
     job_hash: str
@@ -106,17 +114,25 @@ class Plan:
         """Name of each ink."""
         return tuple(self.job.colour.ink_names or self.press_profile.ink_names)
 
-    def layout(self, tile_shape: tuple[int, int]) -> PlaneLayout:
-        """Where the faces lie on a plane whose repeatable tile has this shape."""
+    @property
+    def feature_px(self) -> int | None:
+        """Size of the largest thing that should stay whole, in print pixels, if the job says it."""
+        feature_mm = self.job.texture.feature_mm
+        return None if feature_mm is None else max(1, px_from_mm(feature_mm, self.job.tile.dpi))
+
+    def layout(self, texture: TextureMap) -> PlaneLayout:
+        """Where the faces lie on the plane of a texture map."""
+        rows, cols = texture.cell_shape
         return PlaneLayout(
             kind=self.job.tile.layout,
             seed=self.seed,
             face_rows=self.tile_px.rows,
             face_cols=self.tile_px.cols,
             bleed_px=self.bleed_px,
-            tile_rows=tile_shape[0],
-            tile_cols=tile_shape[1],
+            cell_rows=rows,
+            cell_cols=cols,
             columns=self.job.tile.columns or 1,
+            reach_px=texture.overlap_px // 2 if isinstance(texture, CropMap) else 0,
         )
 
 
@@ -189,17 +205,22 @@ class _Planner:
             raise type(cause)(str(self.problems[0]), path=cause.path) from cause
         if self.problems or press_profile is None:
             raise ConfigError(self.problems)
-        texture = job.texture.model_dump()
-        slab = job.slab.model_dump(exclude={"scans", "masks", "input_profile"})
-        map_facts = {
-            "format": FORMAT_VERSION,
+        other = "tile" if job.texture.design == "crops" else "crops"
+        texture = job.texture.model_dump(exclude=set(OF_DESIGN[other]))
+        slab_facts = {
             "preparation": PREPARATION_VERSION,
-            "scans": [[_file_hash(s.path), _file_hash(s.mask) if s.mask else "", s.dpi] for s in scans],
+            "scans": [[_file_hash(s.path), _optional_hash(s.mask), _optional_hash(s.weights), s.dpi] for s in scans],
             "input_profile": input_profile.sha256 if input_profile else "",
-            "slab": slab,
-            "texture": texture,
+            "slab": job.slab.model_dump(exclude={"scans", "masks", "weights", "input_profile"}),
             "dpi": job.tile.dpi,
         }
+        build_facts = {
+            "format": FORMAT_VERSION,
+            "slab": slab_facts,
+            "texture": {key: value for key, value in texture.items() if key not in ("drop", "keep")},
+        }
+        chosen = {key: sorted(set(texture.get(key, []))) for key in ("drop", "keep")}
+        map_facts = [build_facts, chosen]
         press_facts = {
             "conversion": CONVERSION_VERSION,
             "profile": press_profile.sha256,
@@ -220,6 +241,8 @@ class _Planner:
             input_profile=input_profile,
             press_profile=press_profile,
             output=Path(folder).resolve(),
+            slab_key=_hash_of(slab_facts),
+            build_key=_hash_of(build_facts),
             map_key=_hash_of(map_facts),
             press_key=_hash_of(press_facts),
             job_hash=_hash_of([map_facts, press_facts, face_facts]),
@@ -227,12 +250,18 @@ class _Planner:
 
     def _scans(self) -> tuple[SlabScan, ...]:
         slab = self.job.slab
+        if slab.weights is not None and self.job.texture.design == "tile":
+            message = 'only seams between crops take notice of weights: remove them, or write design = "crops"'
+            self.problems.append(self.file.problem("slab", "weights", message))
         scans = []
-        masks = slab.masks or [""] * len(slab.scans)
-        for name, mask_name in zip(slab.scans, masks, strict=True):
+        nothing = [""] * len(slab.scans)
+        for name, *names in zip(slab.scans, slab.masks or nothing, slab.weights or nothing, strict=True):
             path = self._find(name, "scans")
-            mask = self._find(mask_name, "masks") if mask_name else None
-            if path is None or (mask_name and mask is None):
+            mask, weights = (
+                self._find(other, key) if other else None
+                for other, key in zip(names, ("masks", "weights"), strict=True)
+            )
+            if path is None or any(other and not found for other, found in zip(names, (mask, weights), strict=True)):
                 continue
             try:
                 facts = scan_facts(path)
@@ -244,8 +273,12 @@ class _Planner:
                 message = f"{path} doesn't state its resolution; say it with dpi = ... in [slab]"
                 self.problems.append(self.file.problem("slab", "scans", message))
                 continue
-            if self._colours_are_known(path, facts) and (mask is None or self._mask_fits(mask, path, facts)):
-                scans.append(SlabScan(path, mask, facts, dpi))
+            fits = [
+                other is None or self._fits(other, path, facts, key)
+                for other, key in ((mask, "masks"), (weights, "weights"))
+            ]
+            if self._colours_are_known(path, facts) and all(fits):
+                scans.append(SlabScan(path, mask, facts, dpi, weights))
         return tuple(scans)
 
     def _colours_are_known(self, path: Path, facts: ScanFacts) -> bool:
@@ -258,17 +291,18 @@ class _Planner:
             return False
         return True
 
-    def _mask_fits(self, mask: Path, path: Path, facts: ScanFacts) -> bool:
+    def _fits(self, other: Path, path: Path, facts: ScanFacts, key: str) -> bool:
+        what = "mask" if key == "masks" else "image of weights"
         try:
-            size = scan_facts(mask).size
+            size = scan_facts(other).size
             if size != facts.size:
                 raise ImageError(
-                    f"{mask}: the mask has {size.cols} x {size.rows} pixels but its scan {path.name} "
+                    f"{other}: the {what} has {size.cols} x {size.rows} pixels but its scan {path.name} "
                     f"{facts.size.cols} x {facts.size.rows}; both must be of one size",
-                    path=str(mask),
+                    path=str(other),
                 )
         except ImageError as error:
-            self._add("masks", error)
+            self._add(key, error)
             return False
         return True
 
@@ -364,6 +398,10 @@ def _in_package(name: str) -> Path | None:
 def _file_hash(path: Path) -> str:
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _optional_hash(path: Path | None) -> str:
+    return _file_hash(path) if path is not None else ""
 
 
 def _hash_of(facts: object) -> str:

@@ -14,7 +14,15 @@ from tilefab.errors import ImageError, OutputError
 from tilefab.io.atomic import atomic_write_bytes, make_folder, remove_leftovers
 from tilefab.io.faces import pixel_hash, read_print_pixels, write_preview, write_print_tiff
 from tilefab.io.manifest import JOB_RECORD_NAME, FaceRecord, Manifest, locked_folder
-from tilefab.pipeline.faces import FACES_FOLDER, PROOFS_FOLDER, face_region, print_tags, render_face
+from tilefab.pipeline.faces import (
+    FACES_FOLDER,
+    PROOFS_FOLDER,
+    PlannedFace,
+    face_region,
+    plan_face,
+    print_tags,
+    render_planned,
+)
 from tilefab.pipeline.maps import MAPS_FOLDER, JobMaps, check_owner, job_maps, proof_map
 from tilefab.pipeline.plan import Plan
 from tilefab.pipeline.progress import Progress
@@ -125,6 +133,7 @@ class _Run:
         self.threads, self.verify = threads, verify
         self.buffer: Array | None = None
         self._proof: TextureMap | None = None
+        self._last: tuple[int, PlannedFace] | None = None
         self.digits = max(6, len(str(plan.job.tile.count - 1)))
         make_folder(plan.output / FACES_FOLDER)
         if plan.job.output.proofs:
@@ -145,7 +154,7 @@ class _Run:
         present = path.exists()
         wrote_proof = False
         if record is None or not present or self.verify:
-            pixels = render_face(self.plan, self.press, index, threads=self.threads, out=self.buffer)
+            pixels = render_planned(self.plan, self.press, self._planned(index), threads=self.threads, out=self.buffer)
             self.buffer = pixels
             digest = pixel_hash(pixels)
             expected = self._record(index, path, pixels, digest)
@@ -165,6 +174,12 @@ class _Run:
         if record is not None and record.proof is not None and self.plan.job.output.proofs:
             wrote_proof = self._proof_file(index, self.plan.output / record.proof)
         return not present or wrote_proof
+
+    def _planned(self, index: int) -> PlannedFace:
+        """What a face shows, found once for its print data and its proof."""
+        if self._last is None or self._last[0] != index:
+            self._last = index, plan_face(self.plan, self.press, index, threads=self.threads)
+        return self._last[1]
 
     def _record(self, index: int, path: Path, pixels: Array, digest: str) -> FaceRecord:
         region = face_region(self.plan, self.press, index)
@@ -195,7 +210,7 @@ class _Run:
             return False
         if self._proof is None:
             self._proof = proof_map(self.plan, self.press, self.threads)
-        rgb = render_face(self.plan, self._proof, index, threads=self.threads)
+        rgb = render_planned(self.plan, self._proof, self._planned(index), threads=self.threads)
         write_preview(path, rgb, self.plan.job.tile.dpi)
         return True
 

@@ -7,17 +7,13 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-from scipy import ndimage
-
 import tilefab
-from tilefab.colour import reduce_srgb
 from tilefab.errors import OutputError
 from tilefab.io.atomic import atomic_write_bytes
 from tilefab.io.manifest import FaceRecord, Manifest
 from tilefab.pipeline.colour_facts import colour_facts
 from tilefab.pipeline.faces import check_target, face_code, render_face
+from tilefab.pipeline.map_view import fit_picture, map_view
 from tilefab.pipeline.maps import JobMaps, job_maps, proof_map
 from tilefab.pipeline.plan import Plan
 from tilefab.pipeline.progress import Progress
@@ -25,19 +21,15 @@ from tilefab.pipeline.wall import render_wall
 from tilefab.report import (
     ColourView,
     FaceView,
-    HistogramView,
     RunReportView,
-    TextureMapView,
     build_run_report,
     contact_faces,
 )
-from tilefab.sampling import TextureMap
-from tilefab.units import mm_from_px
+from tilefab.sampling import TextureMap, TileMap
 
 STAGE = "Drawing the report"
 _WALL_PX = 1400
 _THUMBNAIL_PX = 360
-_PICTURE_PX = 900
 _WALL_FACES = 12
 _OUT_OF_GAMUT_WARNING = 0.10
 _LIMITED_WARNING = 0.02
@@ -123,7 +115,7 @@ def report_view(
     for position, record in enumerate(records):
         thumbnail = None
         if position in shown:
-            thumbnail = _fit(render_face(plan, proof, record.face, threads=threads, bleed=False), _THUMBNAIL_PX)
+            thumbnail = fit_picture(render_face(plan, proof, record.face, threads=threads, bleed=False), _THUMBNAIL_PX)
             progress.stage(STAGE, 0.2 + 0.4 * position / len(records))
         faces.append(
             FaceView(
@@ -160,7 +152,7 @@ def report_view(
         wall_caption=caption,
         faces=tuple(faces),
         colour=colour,
-        texture_map=_map_view(maps.texture, proof),
+        texture_map=map_view(plan, maps.texture, proof, threads),
         preparation=preparation_log(maps.texture),
         warnings=job_warnings(maps.texture, colour),
         max_contact_faces=plan.job.report.faces,
@@ -170,8 +162,8 @@ def report_view(
 def job_warnings(texture: TextureMap, colour: ColourView | None = None) -> tuple[str, ...]:
     """What the operator should know before printing."""
     warnings = [str(text) for text in _listed(texture, "warnings")]
-    patches = len(texture.patches)
-    wanted = int(texture.provenance.get("patches_wanted", patches))
+    patches = len(texture.patches) if isinstance(texture, TileMap) else 0
+    wanted = int(texture.provenance.get("patches_wanted", patches)) if isinstance(texture, TileMap) else 0
     if patches < wanted / 2:
         warnings.append(
             f"Only {patches} of {wanted} interchangeable patches could be cut: the pattern of the tile will recur. "
@@ -235,67 +227,3 @@ def _wall_shape(plan: Plan, records: list[FaceRecord]) -> tuple[int, int, int, s
     cols = next(n for n in (4, 3, 2, 1) if shown >= n)
     rows, first = shown // cols, records[0].face
     return rows, cols, first, f"Faces {first} to {first + rows * cols - 1}, in fired colours."
-
-
-def _fit(rgb: NDArray[np.uint8], side_px: int) -> NDArray[np.uint8]:
-    return reduce_srgb(rgb, max(1, -(-max(rgb.shape[:2]) // side_px)))
-
-
-def _map_view(texture: TextureMap, proof: TextureMap) -> TextureMapView:
-    patches = texture.patches
-    rows, cols = texture.tile_shape
-    area = patches.area_px
-    slab_px = sum(slab.rows * slab.cols for slab in texture.slabs)
-    facts = [
-        (
-            "Repeatable tile",
-            f"{cols} x {rows} pixels, {mm_from_px(cols, texture.dpi):.0f} x {mm_from_px(rows, texture.dpi):.0f} mm",
-        ),
-        ("Slab", f"{len(texture.slabs)} scan{'s' if len(texture.slabs) > 1 else ''}, {slab_px / 1e6:.2f} megapixels"),
-        ("Method", texture.provenance.get("method", "unknown")),
-        (
-            "Seams of the tile",
-            f"mean CIE76 {texture.provenance.get('tile_mean_seam_delta_e', '-')}, "
-            f"worst {texture.provenance.get('tile_worst_seam_delta_e', '-')}",
-        ),
-        ("Patches", f"{patches.count_a} in set A, {len(patches) - patches.count_a} in set B"),
-    ]
-    if len(patches):
-        facts += [
-            ("Patch size", f"{int(area.min())} to {int(area.max())} pixels, median {int(np.median(area))}"),
-            (
-                "Patch seams",
-                f"mean CIE76 {float(patches.mean_delta_e.mean()):.1f}, "
-                f"worst of all {float(patches.worst_delta_e.max()):.1f}",
-            ),
-        ]
-    facts.append(("Hash", texture.hash))
-    exemplar = proof.base
-    return TextureMapView(
-        tile=_fit(proof.tile, _PICTURE_PX),
-        patch_outlines=_fit(_outlined(texture, proof), _PICTURE_PX),
-        exemplar=_fit(np.ascontiguousarray(exemplar), _PICTURE_PX),
-        facts=tuple(facts),
-        patch_cost=_histogram(patches.worst_delta_e.astype(np.float64)),
-        patch_size=_histogram(np.sqrt(area.astype(np.float64))),
-    )
-
-
-def _outlined(texture: TextureMap, proof: TextureMap) -> NDArray[np.uint8]:
-    """Draw the outlines of the patches on a paled tile: white for set A, black for B."""
-    rows, cols = texture.tile_shape
-    picture = (proof.tile // 2 + 64).astype(np.uint8)
-    for index in range(len(texture.patches)):
-        mask = np.pad(texture.patches.mask(index), 1)
-        edge = np.argwhere(mask & ~ndimage.binary_erosion(mask)) - 1
-        at_row = (edge[:, 0] + int(texture.patches.cell_row[index])) % rows
-        at_col = (edge[:, 1] + int(texture.patches.cell_col[index])) % cols
-        picture[at_row, at_col] = 255 if index < texture.patches.count_a else 0
-    return picture
-
-
-def _histogram(values: NDArray[np.float64]) -> HistogramView:
-    if values.size == 0:
-        return HistogramView(np.zeros(0), np.zeros(0))
-    counts, edges = np.histogram(values, bins=24)
-    return HistogramView(edges, counts)

@@ -6,10 +6,12 @@ give equal bytes.
 
 from tilefab.report.build import build_run_report
 from tilefab.report.view_model import (
+    ChartView,
     ColourView,
     FaceView,
     HistogramView,
     InkView,
+    PictureView,
     RunReportView,
     SwatchView,
     TextureMapView,
@@ -17,10 +19,12 @@ from tilefab.report.view_model import (
 )
 
 __all__ = [
+    "ChartView",
     "ColourView",
     "FaceView",
     "HistogramView",
     "InkView",
+    "PictureView",
     "RunReportView",
     "SwatchView",
     "TextureMapView",

@@ -11,6 +11,9 @@ from tilefab.errors import ReportError
 from tilefab.report.view_model import ColourView, HistogramView, RunReportView, TextureMapView
 from tilefab.types import Array
 
+_MOST_PICTURES = 4
+_CHARTS = 2
+
 
 def check_view(view: RunReportView) -> None:
     """Check every picture, number and array of ``view``.
@@ -63,11 +66,14 @@ def _check_colour(colour: ColourView) -> None:
 
 
 def _check_texture_map(texture_map: TextureMapView) -> None:
-    _check_image(texture_map.tile, "texture_map.tile")
-    _check_image(texture_map.patch_outlines, "texture_map.patch_outlines")
-    _check_image(texture_map.exemplar, "texture_map.exemplar")
-    _check_histogram(texture_map.patch_cost, "texture_map.patch_cost")
-    _check_histogram(texture_map.patch_size, "texture_map.patch_size")
+    if not 1 <= len(texture_map.pictures) <= _MOST_PICTURES:
+        raise ReportError(f"texture_map.pictures are {len(texture_map.pictures)}; show one to {_MOST_PICTURES}")
+    if len(texture_map.charts) != _CHARTS:
+        raise ReportError(f"texture_map.charts are {len(texture_map.charts)}; show {_CHARTS}")
+    for place, picture in enumerate(texture_map.pictures):
+        _check_image(picture.image, f"texture_map.pictures[{place}].image")
+    for place, chart in enumerate(texture_map.charts):
+        _check_histogram(chart.histogram, f"texture_map.charts[{place}].histogram")
 
 
 def _check_image(image: Array, name: str) -> None:

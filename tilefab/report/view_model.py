@@ -154,31 +154,41 @@ class HistogramView:
 
 
 @dataclass(frozen=True, eq=False)
+class PictureView:
+    """A picture with its title and, in a line or two, what it shows."""
+
+    title: str
+    caption: str
+    image: RgbImage
+
+
+@dataclass(frozen=True, eq=False)
+class ChartView:
+    """A histogram with its title and what its axes count."""
+
+    title: str
+    x_label: str
+    y_label: str
+    histogram: HistogramView
+
+
+@dataclass(frozen=True, eq=False)
 class TextureMapView:
-    """The texture map that all faces come from.
+    """The texture map that all faces come from, of whichever design.
 
     Parameters
     ----------
-    tile
-        The map's repeating tile.
-    patch_outlines
-        The tile with the outlines of its patches drawn in.
-    exemplar
-        The slab it was made from, with what is not valid drawn in.
+    pictures
+        What it was made from and how it is cut, side by side: one to four.
     facts
         Label and value pairs.
-    patch_cost
-        Histogram of the seams' costs.
-    patch_size
-        Histogram of the patches' sizes, in pixels.
+    charts
+        Two histograms.
     """
 
-    tile: RgbImage
-    patch_outlines: RgbImage
-    exemplar: RgbImage
+    pictures: tuple[PictureView, ...]
     facts: tuple[tuple[str, str], ...]
-    patch_cost: HistogramView
-    patch_size: HistogramView
+    charts: tuple[ChartView, ...]
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from scipy import ndimage
 
 from tilefab import rng
 from tilefab.jit import kernel
-from tilefab.texture.matching import LAB_STEPS_PER_UNIT, window_is_valid
+from tilefab.texture.matching import LAB_STEPS_PER_UNIT, largest_square, window_is_valid
 from tilefab.texture.seams import FREE, KEEP, TAKE, boundary_cost, cut
 from tilefab.types import Mask
 
@@ -79,15 +79,8 @@ def patch_radii(tile_shape: tuple[int, int], valid_px: int, count: int = 5) -> l
 
 
 def largest_valid_square(valid: Mask) -> int:
-    """Side in pixels of the largest square that is valid throughout, found by bisection."""
-    low, high = 0, min(valid.shape)
-    while low < high:
-        middle = (low + high + 1) // 2
-        if window_is_valid(valid, middle, middle).any():
-            low = middle
-        else:
-            high = middle - 1
-    return low
+    """Side in pixels of the largest square that is valid throughout."""
+    return int(largest_square(valid))
 
 
 class CandidateFinder:

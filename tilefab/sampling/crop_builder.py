@@ -10,27 +10,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilefab.sampling.candidates import largest_valid_square
-from tilefab.sampling.crop_map import BARRED, RATION_PERIOD, CropMap, halved
+from tilefab.sampling.crop_map import BARRED, CONTINUING_COST, RATION_PERIOD, CropMap, continuations, halved
 from tilefab.sampling.crop_prices import fair_prices
 from tilefab.sampling.crop_tables import JoiningCosts, joining_costs
 from tilefab.sampling.texture_map import SlabArea
 from tilefab.texture.matching import reduced_mask, window_is_valid
+from tilefab.texture.regularity import REGULAR, SelfLikeness
 from tilefab.types import Array, Mask
 
-PITCH_PER_FEATURE = 0.8
+PITCH_PER_FEATURE = 0.88
 DEFAULT_FEATURE_SHARE = 0.25
-_OVERLAP_PER_PITCH = 0.5
+_OVERLAP_PER_PITCH = 1 / 3
 _COARSEST_OVERLAP_PX = 8
 _LARGEST_GUIDE_PX = 1 << 26
 _SMALLEST_TABLE_PITCH_PX = 24
 _STRIP_ROWS = 512
-_TRIES_PER_CROP = 64
 _LARGEST_PITCH_PX = (1 << 14) - 1
 # Roberts 2018, "The unreasonable effectiveness of quasirandom sequences": fractions of the plastic number.
 _STEP_ROW = 0.7548776662466927
 _STEP_COL = 0.5698402909980532
-# Places are drawn a little beyond the slab and clipped to it: pixels at its rim lie in few crops.
-_BEYOND = 0.04
+# Share of the crops at each side of the slab: pixels at its rim lie in few others.
+_RIM_SHARE = 0.06
+_PHASES_PER_CROP = 64
+_REGULAR_PITCHES = (0.5, 1.1)
 
 
 @dataclass(frozen=True)
@@ -98,9 +100,12 @@ class Geometry:
     overlap_px: int
     guide_shift: int
     seam_levels: int
+    regular: bool = False
 
 
-def crop_geometry(shape: tuple[int, int], largest_square_px: int, feature_px: int | None) -> Geometry:
+def crop_geometry(
+    shape: tuple[int, int], largest_square_px: int, feature_px: int | None, likeness: SelfLikeness | None = None
+) -> Geometry:
     """Sizes that suit a slab.
 
     Parameters
@@ -111,6 +116,9 @@ def crop_geometry(shape: tuple[int, int], largest_square_px: int, feature_px: in
         Side of the largest square of it that is all valid.
     feature_px
         See `CropOptions`.
+    likeness
+        The slab's likeness to itself: if it repeats at a pitch that would do, that is taken, so that crops fall in
+        with each other.
 
     Raises
     ------
@@ -125,12 +133,32 @@ def crop_geometry(shape: tuple[int, int], largest_square_px: int, feature_px: in
     guide_shift = 0
     while (shape[0] >> guide_shift) * (shape[1] >> guide_shift) > _LARGEST_GUIDE_PX and guide_shift < halvings:
         guide_shift += 1
-    quantum = 2 << halvings
-    overlap_px = max(int(overlap / quantum + 0.5), 1) * quantum
-    pitch_px = max(int(wanted / quantum + 0.5) * quantum, overlap_px)
+    regular = _regular_pitch(likeness, wanted, guide_shift, halvings) if likeness is not None else None
+    if regular is not None:
+        pitch_px, halvings = regular
+        quantum = 2 << halvings
+    else:
+        quantum = 2 << halvings
+        pitch_px = max(int(wanted / quantum), 1) * quantum
+    overlap_px = min(max(int(_OVERLAP_PER_PITCH * pitch_px / quantum + 0.5), 1) * quantum, pitch_px)
     if pitch_px + overlap_px > largest_square_px:
         raise ValueError(f"a usable piece of {largest_square_px} px is too small to take crops from")
-    return Geometry(pitch_px, overlap_px, guide_shift, halvings - guide_shift)
+    return Geometry(pitch_px, overlap_px, guide_shift, halvings - guide_shift, regular is not None)
+
+
+def _regular_pitch(likeness: SelfLikeness, wanted_px: float, guide_shift: int, halvings: int) -> tuple[int, int] | None:
+    """Pitch at which a slab repeats itself and how often it can be halved, or ``None``.
+
+    A coarser quantum is given up where only a finer one has such a pitch.
+    """
+    low, high = (share * wanted_px for share in _REGULAR_PITCHES)
+    for fewer in range(halvings, guide_shift - 1, -1):
+        quantum = 2 << fewer
+        pitches = range(max(int(np.ceil(low / quantum)), 1) * quantum, int(high) + 1, quantum)
+        found = [(likeness.repeats_at(pitch), pitch) for pitch in pitches]
+        if found and max(found)[0] >= REGULAR:
+            return max(found)[1], fewer
+    return None
 
 
 def build_crop_map(
@@ -186,12 +214,13 @@ def build_crop_map(
         raise ValueError(f"base {base_lab_d50.shape}, valid {valid.shape} and stored {stored.shape} differ in size")
     if weights is not None and weights.shape != valid.shape:
         raise ValueError(f"weights {weights.shape} and valid {valid.shape} differ in size")
-    report = progress or (lambda share: None)
+    report = progress or (lambda _share: None)
     threads = options.threads or os.cpu_count() or 1
-    geometry = crop_geometry(valid.shape, largest_valid_square(valid), options.feature_px)
+    likeness = SelfLikeness(np.where(valid, base_lab_d50[..., 0], base_lab_d50[..., 0][valid].mean()))
+    geometry = crop_geometry(valid.shape, largest_valid_square(valid), options.feature_px, likeness)
     guide = guide_image(base_lab_d50, weights, geometry.guide_shift)
     report(0.05)
-    row, col = spread_places(valid, geometry, options.crops)
+    row, col = spread_places(valid, geometry, options.crops, likeness)
     if costs is None:
         level, table_level = guide, 0
         while geometry.pitch_px >> (geometry.guide_shift + table_level + 1) >= _SMALLEST_TABLE_PITCH_PX and (
@@ -211,6 +240,10 @@ def build_crop_map(
     elif len(costs.side) != len(row):
         raise ValueError(f"costs of {len(costs.side)} crops don't fit {len(row)}")
     barred = barred_crops(len(row), options)
+    follows = continuations(row.astype(np.int32), col.astype(np.int32), geometry.pitch_px)
+    for table, direction in ((costs.side, 0), (costs.below, 2)):
+        continued = np.flatnonzero(follows[:, direction] >= 0)
+        table[continued, follows[continued, direction]] = CONTINUING_COST
     crop_map = CropMap(
         base=np.ascontiguousarray(stored),
         space=space,
@@ -232,7 +265,7 @@ def build_crop_map(
         candidates=min(options.candidates, len(row)),
         sweeps=options.sweeps,
     )
-    priced = fair_prices(crop_map, valid, barred, options.seed, lambda share: report(0.8 + 0.2 * share))
+    priced = fair_prices(crop_map, barred, options.seed, lambda share: report(0.8 + 0.2 * share))
     report(1.0)
     return priced
 
@@ -277,35 +310,62 @@ def guide_image(lab_d50: NDArray[np.float32], weights: NDArray[np.uint8] | None,
     return out
 
 
-def spread_places(valid: Mask, geometry: Geometry, crops: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def spread_places(
+    valid: Mask, geometry: Geometry, crops: int, likeness: SelfLikeness | None = None
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Rows and columns of up to ``crops`` different crops, evenly spread over the valid part of a slab.
 
-    Any run of successive crops is evenly spread as well, so that a hashed part of the dictionary is a fair one.
+    Most come with the crops that continue them, a pitch away. Any run of successive crops is evenly spread as well,
+    so that a hashed part of the dictionary is a fair one. Of a slab that repeats itself, only crops of one phase are
+    taken (``likeness`` tells which).
     """
     quantum = 1 << geometry.guide_shift
     side = geometry.pitch_px + geometry.overlap_px
     # Whole quanta are checked, so a crop is valid if its quanta are.
     fits = window_is_valid(reduced_mask(valid, quantum), side // quantum, side // quantum)
-    places = np.count_nonzero(fits)
-    if not places:
+    if not fits.any():
         raise ValueError(f"no square of {side} px is usable: the mask leaves nothing to take crops from")
-    if places <= crops:
-        at = np.argwhere(fits)[_spread_order(int(places))]
-    else:
-        found: dict[tuple[int, int], None] = {}
-        tries = max(_TRIES_PER_CROP, int(4 * fits.size / places)) * crops
-        k = np.arange(tries)
-        at_row, at_col = (
-            np.clip(np.rint(((0.5 + step * k) % 1 * (1 + 2 * _BEYOND) - _BEYOND) * (n - 1)), 0, n - 1).astype(np.int64)
-            for step, n in ((_STEP_ROW, fits.shape[0]), (_STEP_COL, fits.shape[1]))
+    if geometry.regular and likeness is not None:
+        fits = _of_one_phase(fits, likeness, quantum)
+    # On the grid of the coarsest level, if it has places enough, reduced pictures show crops where they are.
+    while 2 * quantum <= 1 << (geometry.guide_shift + geometry.seam_levels) and (
+        np.count_nonzero(fits[::2, ::2]) >= 2 * crops
+    ):
+        fits, quantum = fits[::2, ::2], 2 * quantum
+    if np.count_nonzero(fits) <= crops:
+        at = np.argwhere(fits)
+        at = at[_spread_order(len(at))]
+        return at[:, 0] * quantum, at[:, 1] * quantum
+    pitch = geometry.pitch_px // quantum
+    found: dict[tuple[int, int], None] = {}
+    for number in range(_PHASES_PER_CROP * crops):
+        row, col = (
+            _phase((0.5 + step * number) % 1, places, pitch)
+            for step, places in zip((_STEP_ROW, _STEP_COL), fits.shape, strict=True)
         )
-        usable = np.flatnonzero(fits[at_row, at_col])
-        for n in usable:
-            found[int(at_row[n]), int(at_col[n])] = None
-            if len(found) == crops:
-                break
-        at = np.array(list(found), dtype=np.int64)
+        for r, c in np.argwhere(fits[row::pitch, col::pitch]):
+            found[row + int(r) * pitch, col + int(c) * pitch] = None
+        if len(found) >= crops:
+            break
+    at = np.array(list(found)[:crops], dtype=np.int64)
     return at[:, 0] * quantum, at[:, 1] * quantum
+
+
+def _phase(share: float, places: int, pitch: int) -> int:
+    """Place within a pitch, 0 .. pitch - 1, for a number from 0 to 1; the slab's own ends more often than others."""
+    if share < _RIM_SHARE:
+        return 0
+    if share > 1 - _RIM_SHARE:
+        return (places - 1) % pitch
+    return int((share - _RIM_SHARE) / (1 - 2 * _RIM_SHARE) * pitch)
+
+
+def _of_one_phase(fits: Mask, likeness: SelfLikeness, quantum: int) -> Mask:
+    """Of the places that fit, those where the slab looks as it does at the one nearest the middle of them all."""
+    at = np.argwhere(fits)
+    middle = at[np.abs(at - at.mean(axis=0)).sum(axis=1).argmin()]
+    row, col = np.ogrid[: fits.shape[0], : fits.shape[1]]
+    return fits & (likeness.at((row - middle[0]) * quantum, (col - middle[1]) * quantum) >= REGULAR)
 
 
 def _spread_order(count: int) -> NDArray[np.int64]:

@@ -2,8 +2,9 @@
 
 The cells form a 2 x 2 pattern of four classes, of which no two of one class touch. The first class draws by hash;
 the second is given the first to its left and right, the third those above and below, the last all four; each takes
-the cheapest of a hashed part of the dictionary: the cost of joining known neighbours, the price that makes use of the
-slab even, and a penalty for showing what a cell that touches shows already. Then the same order is gone through
+the cheapest of a hashed part of the dictionary, and of the crops that continue its neighbours: the cost of joining
+known neighbours, the price that makes use of the slab even, and a penalty for showing what a cell that touches shows
+already. Then the same order is gone through
 again, every cell given all its neighbours (iterated conditional modes, Besag 1986). A step reads only cells one
 further out, so a choice depends on as many rings of cells as there were steps, and on nothing else.
 """
@@ -15,11 +16,13 @@ from numpy.typing import NDArray
 
 from tilefab.jit import kernel
 from tilefab.rng import philox_4x32
-from tilefab.sampling.crop_map import RATION_PERIOD, STEPS_OF_ORDER, ChoiceTables, CropMap
+from tilefab.sampling.crop_map import BARRED, RATION_PERIOD, STEPS_OF_ORDER, ChoiceTables, CropMap
 
 _LARGEST = 2**31 - 1
 _SWEEP_SHIFT = np.uint64(59)
 _NONE = -1
+_ONLY_BARRED = BARRED // 2
+"""No crop that may be shown costs as much, and every other costs more."""
 BLOCK_CELLS = 2
 """Side of the blocks of cells that rationed crops take turns in."""
 _KNIGHT = 2
@@ -69,7 +72,7 @@ def _cost_of(
     crop: int, around: NDArray[np.int32], diagonals: NDArray[np.int32], turn: int, tables: ChoiceTables
 ) -> int:
     """Cost of one crop, given the cells around that are known: left, right, above, below."""
-    cost = np.int64(tables.price[crop]) + tables.ration[turn, crop]
+    cost: int = np.int64(tables.price[crop]) + tables.ration[turn, crop]
     if around[0] != _NONE:
         cost += tables.side[around[0], crop]
     if around[1] != _NONE:
@@ -80,25 +83,26 @@ def _cost_of(
         cost += tables.below_back[around[3], crop]
     for k in range(4):
         if diagonals[k] != _NONE:
-            cost += tables.near[diagonals[k], crop]
+            cost += tables.corner[diagonals[k], crop]
     return cost
 
 
 @kernel
 def _cheapest(
     start: int,
+    tried: int,
     around: NDArray[np.int32],
     diagonals: NDArray[np.int32],
     turn: int,
     tables: ChoiceTables,
     total: NDArray[np.int32],
 ) -> tuple[int, int]:
-    """Cheapest of the candidates from ``start`` on in the dictionary, and its cost; of equals, the first."""
+    """Cheapest of ``tried`` crops from ``start`` on in the dictionary, and its cost; of equals, the first."""
     crops = len(tables.price)
     best, best_cost = 0, _LARGEST
     for part in range(2):
         low = start if part == 0 else 0
-        count = min(tables.candidates, crops - start) if part == 0 else start + tables.candidates - crops
+        count = min(tried, crops - start) if part == 0 else start + tried - crops
         if count <= 0:
             continue
         price = tables.price[low : low + count]
@@ -118,7 +122,7 @@ def _cheapest(
             _add(total, tables.below_back[around[3]], low, count)
         for k in range(4):
             if diagonals[k] != _NONE:
-                _add(total, tables.near[diagonals[k]], low, count)
+                _add(total, tables.corner[diagonals[k]], low, count)
         # Two passes, for the first is done many numbers at a time.
         least = total[0]
         for k in range(1, count):
@@ -140,7 +144,7 @@ def choose_into(window: NDArray[np.int32], row: int, col: int, key: np.uint64, t
     """
     rows, cols = window.shape
     crops = np.uint64(len(tables.price))
-    total = np.empty(tables.candidates, dtype=np.int32)
+    total = np.empty(len(tables.price), dtype=np.int32)
     around = np.empty(4, dtype=np.int32)
     diagonals = np.empty(4, dtype=np.int32)
     step = 0
@@ -155,7 +159,7 @@ def choose_into(window: NDArray[np.int32], row: int, col: int, key: np.uint64, t
                     word, _ = philox_4x32(
                         key, np.uint64(row + i), np.uint64(col + j) ^ (np.uint64(sweep) << _SWEEP_SHIFT)
                     )
-                    start = np.int64(word % crops)
+                    start = int(np.int64(word % crops))
                     block = _turn(row + i, col + j)
                     # Turn 1 lies beside cells of turn 0, turn 2 below and above them, with turn 1 at its corners.
                     known_beside = sweep > 0 or turn == 1 or turn == 3
@@ -171,7 +175,16 @@ def choose_into(window: NDArray[np.int32], row: int, col: int, key: np.uint64, t
                     if sweep == 0 and turn == 0:
                         window[i, j] = _first(start, block, tables)
                         continue
-                    best, cost = _cheapest(start, around, diagonals, block, tables, total)
+                    best, cost = _cheapest(start, tables.candidates, around, diagonals, block, tables, total)
+                    if cost >= _ONLY_BARRED:
+                        best, cost = _cheapest(start, len(tables.price), around, diagonals, block, tables, total)
+                    # Crops that continue a neighbour are few, and always tried.
+                    for k in range(4):
+                        other = tables.follows[around[k], k] if around[k] != _NONE else _NONE
+                        if other != _NONE:
+                            own = _cost_of(other, around, diagonals, block, tables)
+                            if own < cost:
+                                best, cost = other, own
                     if sweep == 0 or cost < _cost_of(window[i, j], around, diagonals, block, tables):
                         window[i, j] = best
             step += 1
@@ -183,6 +196,11 @@ def _first(start: int, block: int, tables: ChoiceTables) -> int:
     crops = len(tables.price)
     for k in range(crops):
         crop = (start + k) % crops
-        if tables.price[crop] < 1 << 27 and tables.ration[block, crop] == 0:
+        if tables.price[crop] < _ONLY_BARRED and tables.ration[block, crop] == 0:
+            return crop
+    # Out of turn is better than never to be shown.
+    for k in range(crops):
+        crop = (start + k) % crops
+        if tables.price[crop] < _ONLY_BARRED:
             return crop
     return start

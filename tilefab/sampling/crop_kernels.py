@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tilefab.jit import copy_elements, kernel
+from tilefab.jit import copy_elements, kernel, settle, stream_elements
 from tilefab.types import Array
 
 
@@ -45,12 +45,13 @@ def render_plan_rows_into(
     begin_row: int,
     rows: int,
     cols: int,
+    streaming: bool,
     out: Array,
 ) -> None:
     """Render ``rows`` rows of a plan from its row ``begin_row`` on.
 
     ``base`` and ``out`` are flat arrays of interleaved pixels; ``from_top`` and ``from_left`` is where the plan's
-    region begins, from the top left corner of its first cell.
+    region begins, from the top left corner of its first cell. ``streaming``: past the cache, for large outputs.
     """
     half = overlap // 2
     for r in range(rows):
@@ -64,7 +65,7 @@ def render_plan_rows_into(
             above = starts_above[i, d]
         c = 0
         while c < cols:
-            stop = np.int64(turns[turn]) if turn < end_turn else cols
+            stop = int(np.int64(turns[turn])) if turn < end_turn else cols
             turn += 1
             own = i - 1 if above else i
             in_row = down + half - own * pitch
@@ -72,16 +73,21 @@ def render_plan_rows_into(
             while c < stop:
                 end = (j + 1) * pitch - half - from_left
                 if j + 1 < crops.shape[1]:
-                    end += np.int64(upright[own, j + 1, in_row >> seam_shift]) << seam_shift
+                    end += int(np.int64(upright[own, j + 1, in_row >> seam_shift]) << seam_shift)
                 end = min(end, stop)
                 crop = crops[own, j]
                 at_row = (crop_row[crop] >> level) + in_row
                 at_col = (crop_col[crop] >> level) + from_left + c + half - j * pitch
                 begin = (at_row * base_cols + at_col) * channels
-                copy_elements(out, (r * cols + c) * channels, base, begin, (end - c) * channels)
+                if streaming:
+                    stream_elements(out, (r * cols + c) * channels, base, begin, (end - c) * channels)
+                else:
+                    copy_elements(out, (r * cols + c) * channels, base, begin, (end - c) * channels)
                 c = end
                 j += 1
             above = not above
+    if streaming:
+        settle()
 
 
 @kernel

@@ -33,7 +33,12 @@ RATION_PENALTY = 1 << 24
 BARRED = 1 << 28
 """Price of a crop that must not be shown."""
 
+CONTINUING_COST = TYPICAL_COST // 4
+"""Cost of a crop that goes on where its neighbour ends: less than a good seam, for there is none to see, but not
+nothing, or the plane would show the slab as it is."""
+
 _NEAR_WEIGHT = TYPICAL_COST // 2
+_DIAGONAL_COST = 3 * TYPICAL_COST
 _COLOUR_COSTS = 1 << 14
 _COST_STEPS = 4
 
@@ -42,15 +47,17 @@ class ChoiceTables(NamedTuple):
     """What choosing crops needs, for kernels; see `CropMap`.
 
     ``side[a, b]``: cost of ``b`` to the right of ``a``, ``side_back`` its transpose; ``below[a, b]``: of ``b`` below
-    ``a``, ``below_back`` its transpose; ``near[a, b]``: what it costs that two cells that touch show overlapping
-    parts of the slab (already in the other tables); ``ration[p, a]``: of crop ``a`` in a block of turn ``p``.
+    ``a``, ``below_back`` its transpose; ``corner[a, b]``: of both showing in cells that touch at a corner;
+    ``follows[a]``: the crops that continue ``a`` to the right, to the left, below and above, or -1; ``ration[p, a]``:
+    cost of crop ``a`` in a block of turn ``p``.
     """
 
     side: NDArray[np.uint16]
     side_back: NDArray[np.uint16]
     below: NDArray[np.uint16]
     below_back: NDArray[np.uint16]
-    near: NDArray[np.uint16]
+    corner: NDArray[np.uint16]
+    follows: NDArray[np.int32]
     price: NDArray[np.int32]
     ration: NDArray[np.int32]
     rationed: bool
@@ -201,7 +208,12 @@ class CropMap(TextureMap):
     @cached_property
     def choice_tables(self) -> ChoiceTables:
         """What choosing needs, for kernels."""
-        near = overlap_penalty(self.crop_row, self.crop_col, self.crop_px)
+        near = overlap_penalty(self.crop_row, self.crop_col, self.pitch_px)
+        follows = continuations(self.crop_row, self.crop_col, self.pitch_px)
+        corner = near.copy()
+        # Crops in a row may continue each other, and with them a vein; a square of four would be recognised.
+        apart = [np.abs(place[:, None].astype(np.int64) - place) for place in (self.crop_row, self.crop_col)]
+        corner[(apart[0] == self.pitch_px) & (apart[1] == self.pitch_px)] = _DIAGONAL_COST
         turns = np.arange(RATION_PERIOD)[:, None]
         ration = np.where((self.ration >= 0) & (self.ration != turns), RATION_PENALTY, 0).astype(np.int32)
         return ChoiceTables(
@@ -209,7 +221,8 @@ class CropMap(TextureMap):
             _joined(self.side_cost, near).T.copy(),
             _joined(self.below_cost, near),
             _joined(self.below_cost, near).T.copy(),
-            near,
+            corner,
+            follows,
             np.ascontiguousarray(self.price),
             ration,
             bool((self.ration >= 0).any()),
@@ -244,25 +257,39 @@ class CropMap(TextureMap):
         return self._base_levels[level]
 
 
-def overlap_penalty(crop_row: NDArray[np.int32], crop_col: NDArray[np.int32], crop_px: int) -> NDArray[np.uint16]:
-    """(crops, crops): what it costs that cells that touch show parts of the slab that overlap, by share of the area."""
+def continuations(crop_row: NDArray[np.int32], crop_col: NDArray[np.int32], pitch_px: int) -> NDArray[np.int32]:
+    """(crops, 4): the crop that continues each one to the right, to the left, below and above, or -1."""
+    places = list(zip(crop_row.tolist(), crop_col.tolist(), strict=True))
+    at = {place: k for k, place in enumerate(places)}
+    steps = ((0, pitch_px), (0, -pitch_px), (pitch_px, 0), (-pitch_px, 0))
+    return np.array(
+        [[at.get((row + down, col + right), -1) for down, right in steps] for row, col in places], dtype=np.int32
+    )
+
+
+def overlap_penalty(crop_row: NDArray[np.int32], crop_col: NDArray[np.int32], pitch_px: int) -> NDArray[np.uint16]:
+    """(crops, crops): what it costs that cells that touch show the same part of the slab, by its share of a cell."""
 
     def along(place: NDArray[np.int32]) -> NDArray[np.int64]:
         apart = np.abs(place[:, None].astype(np.int64) - place[None, :])
-        return np.maximum(crop_px - apart, 0)
+        shared: NDArray[np.int64] = np.maximum(pitch_px - apart, 0)
+        return shared
 
     shared = along(crop_row) * along(crop_col)
-    penalty: NDArray[np.uint16] = (shared * _NEAR_WEIGHT // crop_px**2).astype(np.uint16)
+    penalty: NDArray[np.uint16] = (shared * _NEAR_WEIGHT // pitch_px**2).astype(np.uint16)
     return penalty
 
 
 def _joined(cost: NDArray[np.uint16], near: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    return np.minimum(cost.astype(np.uint32) + near, np.iinfo(np.uint16).max).astype(np.uint16)
+    total: NDArray[np.uint16] = np.minimum(cost.astype(np.uint32) + near, np.iinfo(np.uint16).max).astype(np.uint16)
+    return total
 
 
 def seam_cost_table() -> NDArray[np.int64]:
-    """What a seam pays at a pixel, by squared CIE76 difference: its power 3/4, so that one strong step costs more
-    than several weak ones, in `_COST_STEPS` to the unit; never 0, so that of equal seams the shortest wins.
+    """What a seam pays at a pixel, by squared CIE76 difference.
+
+    Its power 3/4, so that one strong step costs more than several weak ones, in `_COST_STEPS` to the unit; never 0,
+    so that of equal seams the shortest wins.
     """
     squared = np.arange(_COLOUR_COSTS, dtype=np.float64)
     return 1 + np.rint(_COST_STEPS * squared**0.75).astype(np.int64)
@@ -280,8 +307,11 @@ def halved(image: Array) -> Array:
     for top in range(0, rows, 256):
         strip = slice(top, top + 256)
         if image.dtype.kind in "ui":
-            total = sum((part[strip].astype(np.uint32) for part in parts), np.uint32(2))
-            out[strip] = total >> np.uint32(2)
+            wide = np.dtype(np.uint32 if image.dtype.kind == "u" and image.dtype.itemsize <= 2 else np.int64)
+            total: Array = np.full((), 2, dtype=wide)
+            for part in parts:
+                total = total + part[strip].astype(wide)
+            out[strip] = total >> 2
         else:
             out[strip] = sum(part[strip] / 4 for part in parts)
     return out

@@ -182,7 +182,7 @@ def find_turns(
                         place[d] += 1
                 before = now
                 # The seam is the same up to the next of its own pixels.
-                c = min(((t + 1) << seam_shift) + j * pitch - begin, cols)
+                c = min(((t + 1) << seam_shift) + j * pitch - begin, np.int64(cols))
             if not filling:
                 for d in range(overlap):
                     turn_begin[i, d] = count

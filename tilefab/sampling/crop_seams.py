@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from tilefab.jit import kernel
 from tilefab.sampling.crop_map import GuideLevels
 
-_BAND_PX = 3
+_BAND_PX = 2
 _FAR = np.int64(1) << 60
 _FREE = -1
 
@@ -31,11 +31,11 @@ def _pixel_cost(guide: GuideLevels, first: int, second: int) -> int:
     squared = 0
     for k in range(3):
         difference = np.int64(guide.pixels[first + k]) - np.int64(guide.pixels[second + k])
-        squared += difference * difference
-    cost = guide.cost[min(squared >> 2, len(guide.cost) - 1)]
+        squared += int(difference * difference)
+    cost: int = guide.cost[min(squared >> 2, len(guide.cost) - 1)]
     if guide.channels == 4:
-        weight = max(guide.pixels[first + 3], guide.pixels[second + 3])
-        cost += (cost * np.int64(weight)) >> 4
+        weight = np.int64(max(guide.pixels[first + 3], guide.pixels[second + 3]))
+        cost += int((cost * weight) >> 4)
     return cost
 
 

@@ -1,8 +1,8 @@
 """Where on the endless plane each face lies.
 
-``scatter`` sends face numbers to places far apart: no two faces show the same piece of the plane, and faces of
-neighbouring numbers, which end up in one box, show the repeatable tile at well-separated shifts. ``continuous`` cuts
-a wall of a given number of columns into faces that join seamlessly.
+``scatter`` sends face numbers to places far apart: no cell of the plane shows on two faces, and faces of neighbouring
+numbers, which end up in one box, lie at well-separated shifts to the cells. ``continuous`` cuts a wall of a given
+number of columns into faces that join seamlessly.
 """
 
 from __future__ import annotations
@@ -46,10 +46,12 @@ class PlaneLayout:
         Size of a finished tile, without bleed.
     bleed_px
         Margin rendered around the tile on every side.
-    tile_rows, tile_cols
-        Size of the map's repeatable tile.
+    cell_rows, cell_cols
+        Size of a cell of the plane, see `TextureMap.cell_shape`.
     columns
         Faces in a row of the wall; continuous only.
+    reach_px
+        How far beyond its cell what a cell shows can reach.
     """
 
     kind: Literal["scatter", "continuous"]
@@ -57,14 +59,18 @@ class PlaneLayout:
     face_rows: int
     face_cols: int
     bleed_px: int
-    tile_rows: int
-    tile_cols: int
+    cell_rows: int
+    cell_cols: int
     columns: int = 1
+    reach_px: int = 0
 
     def __post_init__(self) -> None:
-        sizes = (self.face_rows, self.face_cols, self.tile_rows, self.tile_cols, self.columns)
-        if min(sizes) < 1 or self.bleed_px < 0:
-            raise ValueError(f"sizes {sizes} must be at least 1 and the bleed of {self.bleed_px} px not negative")
+        sizes = (self.face_rows, self.face_cols, self.cell_rows, self.cell_cols, self.columns)
+        if min(sizes) < 1 or self.bleed_px < 0 or self.reach_px < 0:
+            raise ValueError(
+                f"sizes {sizes} must be at least 1, a bleed of {self.bleed_px} px and a reach of {self.reach_px} px "
+                "not negative"
+            )
 
     def face(self, index: int) -> Region:
         """Region that face ``index`` shows, bleed included.
@@ -83,12 +89,13 @@ class PlaneLayout:
             return Region(row, col, rows, cols)
         slot_row, slot_col = self._slot(index)
         start_row, start_col = random_words(stream_key(self.seed, "phase"), 0)
-        phase_row = ((start_row + index * _STEP_ROW) & _WRAP_64) * self.tile_rows >> 64
-        phase_col = ((start_col + index * _STEP_COL) & _WRAP_64) * self.tile_cols >> 64
-        # A slot is a whole number of cells, large enough for a face at any phase: no cell serves two faces.
-        pitch_row = (-(-rows // self.tile_rows) + 1) * self.tile_rows
-        pitch_col = (-(-cols // self.tile_cols) + 1) * self.tile_cols
-        return Region(slot_row * pitch_row + phase_row, slot_col * pitch_col + phase_col, rows, cols)
+        phase_row = ((start_row + index * _STEP_ROW) & _WRAP_64) * self.cell_rows >> 64
+        phase_col = ((start_col + index * _STEP_COL) & _WRAP_64) * self.cell_cols >> 64
+        # A slot is a whole number of cells, large enough for a face at any phase with all that reaches into it.
+        reach = self.reach_px
+        pitch_row = (-(-(rows + 2 * reach) // self.cell_rows) + 1) * self.cell_rows
+        pitch_col = (-(-(cols + 2 * reach) // self.cell_cols) + 1) * self.cell_cols
+        return Region(slot_row * pitch_row + phase_row + reach, slot_col * pitch_col + phase_col + reach, rows, cols)
 
     def _slot(self, index: int) -> tuple[int, int]:
         """Pseudo-random, one-to-one: 40-bit face number to a slot of a 2**20 x 2**20 lattice around the origin.

@@ -20,6 +20,8 @@ from tilefab.types import Array
 
 COORDINATE_LIMIT = 1 << 60
 _STRIP_BYTES = 1 << 22
+_LARGER_THAN_CACHE_BYTES = 1 << 25
+_REDUCED_BYTES = 1 << 26
 _PAGE_PX = 1 << 10
 _PAGE_CELLS = 8
 
@@ -143,6 +145,7 @@ def render_plan(
     base = texture_map.base_level(plan.level)
     flat = base.reshape(-1)
     pitch, overlap = texture_map.pitch_px >> plan.level, texture_map.overlap_px >> plan.level
+    streaming = out.nbytes >= _LARGER_THAN_CACHE_BYTES
 
     def strip(begin: int, end: int) -> None:
         part = out[begin:end]
@@ -166,6 +169,7 @@ def render_plan(
             first + begin,
             part.shape[0],
             part.shape[1],
+            streaming,
             part.reshape(-1),
         )
 
@@ -212,7 +216,7 @@ def render_reduced(
     if out.size == 0:
         return out
     # Strips bound the memory where much more is rendered than asked for.
-    step = max(1, _STRIP_BYTES // (cols * factor * factor * channels))
+    step = max(1, _REDUCED_BYTES // (cols * factor * factor * channels * out.itemsize))
     for top in range(0, rows, step):
         count = min(step, rows - top)
         plan = plan_region(
@@ -228,7 +232,7 @@ def render_reduced(
         part = render_plan(texture_map, plan, threads=workers)
         if factor > 1:
             total = part.reshape(count, factor, cols, factor, channels).mean(axis=(1, 3))
-            part = (total + 0.5).astype(out.dtype) if out.dtype.kind in "ui" else total.astype(out.dtype)
+            part = np.floor(total + 0.5).astype(out.dtype) if out.dtype.kind in "ui" else total.astype(out.dtype)
         out[top : top + count] = part
     return out
 

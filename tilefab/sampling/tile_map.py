@@ -204,6 +204,6 @@ class TileMap(TextureMap):
         of_patches = {name.removeprefix("patch_"): a for name, a in arrays.items() if name.startswith("patch_")}
         return {
             "tile_source": arrays["tile_source"],
-            "patches": Patches(count_a=int(parameters["count_a"]), **of_patches),  # type: ignore[arg-type]
+            "patches": Patches(count_a=int(parameters["count_a"]), **of_patches),
             "activation_threshold": int(parameters["activation_threshold"]),
         }

@@ -62,8 +62,8 @@ def build_atlas(
     Returns
     -------
     lab
-        float32; padding has the mean colour of the slabs, so that a filter reaching into it meets no edge
-        of note.
+        float32; one slab alone is returned as it was given. Padding has the mean colour of the slabs, so that a filter
+        reaching into it meets no edge of note.
     valid
         False in padding and wherever a slab's mask was.
     record
@@ -79,6 +79,12 @@ def build_atlas(
         raise ValueError(f"gap of {gap_px} px: slabs must be at least 1 px apart")
     for lab, mask in zip(labs, valids, strict=True):
         check_pair(lab, mask)
+    if len(labs) == 1:
+        size = SizePx(*valids[0].shape)
+        alone = AtlasRecord(
+            size, (SlabPlacement(0, 0, 0, size.rows, size.cols),), 0.0, "nothing, because there is one slab only"
+        )
+        return labs[0], valids[0], alone
     size, placements = pack([SizePx(*mask.shape) for mask in valids], gap_px)
     means = np.array([slab_colour(lab, mask).mean for lab, mask in zip(labs, valids, strict=True)])
     out = np.empty((size.rows, size.cols, 3), np.float32)
@@ -91,11 +97,7 @@ def build_atlas(
         out_valid[rows, cols] = valids[place.slab_index]
     used = sum(place.rows * place.cols for place in placements)
     padding = 1.0 - used / (size.rows * size.cols)
-    summary = (
-        "nothing, because there is one slab only"
-        if len(labs) == 1
-        else f"{len(labs)} slabs laid into {size.cols} x {size.rows} px, {100 * padding:.1f} % of it padding"
-    )
+    summary = f"{len(labs)} slabs laid into {size.cols} x {size.rows} px, {100 * padding:.1f} % of it padding"
     return out, out_valid, AtlasRecord(size, placements, padding, summary)
 
 

@@ -229,6 +229,61 @@ def warp_rows(
             out_valid[i, j] = good
 
 
+@kernel
+def warp_weights(
+    weights: NDArray[np.uint8],
+    matrix: NDArray[np.float64],
+    first_row: int,
+    first_col: int,
+    out: NDArray[np.uint8],
+) -> None:
+    """Fill a band of upright weights from distorted ones, bilinear, to the nearest whole number.
+
+    Parameters
+    ----------
+    weights
+        Source, (rows, cols) uint8; nothing weighs outside of it.
+    matrix, first_row, first_col
+        As for `warp_rows`.
+    out
+        Written.
+    """
+    rows = weights.shape[0]
+    cols = weights.shape[1]
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            y = first_row + i + 0.5
+            x = first_col + j + 0.5
+            w = matrix[2, 0] * y + matrix[2, 1] * x + matrix[2, 2]
+            row = (matrix[0, 0] * y + matrix[0, 1] * x + matrix[0, 2]) / w - 0.5
+            col = (matrix[1, 0] * y + matrix[1, 1] * x + matrix[1, 2]) / w - 0.5
+            row_0 = math.floor(row)
+            col_0 = math.floor(col)
+            total = 0.0
+            for a in range(2):
+                for b in range(2):
+                    r = row_0 + a
+                    c = col_0 + b
+                    if 0 <= r < rows and 0 <= c < cols:
+                        total += abs(1 - a - (row - row_0)) * abs(1 - b - (col - col_0)) * weights[r, c]
+            out[i, j] = np.uint8(math.floor(total + 0.5))
+
+
+def warp_weights_plain(
+    weights: NDArray[np.uint8], matrix: NDArray[np.float64], rows: int, cols: int
+) -> NDArray[np.uint8]:
+    """Plain twin of `warp_weights` for a whole output that starts at (0, 0)."""
+    padded = np.pad(weights.astype(np.float64), 2)
+    y, x = np.meshgrid(np.arange(rows) + 0.5, np.arange(cols) + 0.5, indexing="ij")
+    mapped = np.tensordot(matrix, np.stack([y, x, np.ones_like(y)]), axes=1)
+    row = np.clip(mapped[0] / mapped[2] + 1.5, 0, padded.shape[0] - 2)
+    col = np.clip(mapped[1] / mapped[2] + 1.5, 0, padded.shape[1] - 2)
+    r, c = np.floor(row).astype(np.int64), np.floor(col).astype(np.int64)
+    top = padded[r, c] * (1 - (col - c)) + padded[r, c + 1] * (col - c)
+    below = padded[r + 1, c] * (1 - (col - c)) + padded[r + 1, c + 1] * (col - c)
+    return np.asarray(np.floor(top * (1 - (row - r)) + below * (row - r) + 0.5), dtype=np.uint8)
+
+
 def warp_plain(
     image: FloatImage, valid: Mask, matrix: NDArray[np.float64], rows: int, cols: int
 ) -> tuple[FloatImage, Mask]:

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
+from tilefab.slab.bands import over_bands
 from tilefab.slab.checks import check_pair
 from tilefab.types import FloatImage, Mask
 
@@ -147,7 +148,9 @@ def estimate_lighting(images: Sequence[FloatImage], valids: Sequence[Mask]) -> L
     return LightingModel(_floats(kept), _floats(measured), _floats(doubt), len(usable), reason)
 
 
-def remove_lighting(image: FloatImage, valid: Mask, model: LightingModel) -> tuple[FloatImage, Mask, LightingRecord]:
+def remove_lighting(
+    image: FloatImage, valid: Mask, model: LightingModel, out: FloatImage | None = None, threads: int = 1
+) -> tuple[FloatImage, Mask, LightingRecord]:
     """Divide the lighting out of an image; the mean luminance of its valid pixels stays as it was.
 
     Parameters
@@ -158,11 +161,15 @@ def remove_lighting(image: FloatImage, valid: Mask, model: LightingModel) -> tup
         bool, (rows, cols).
     model
         From `estimate_lighting`, of this scan or of scans of the same field.
+    out
+        Written to and returned, of the image's shape and type; may be the image itself. By default a new array.
+    threads
+        Never changes the result.
 
     Returns
     -------
     image, valid
-        New arrays; the mask is unchanged.
+        The image given where there is no lighting to remove; the mask as given.
     record
 
     Raises
@@ -171,27 +178,34 @@ def remove_lighting(image: FloatImage, valid: Mask, model: LightingModel) -> tup
         If image or mask break the conventions.
     """
     check_pair(image, valid)
-    bands = [slice(top, top + _BAND_ROWS) for top in range(0, valid.shape[0], _BAND_ROWS)]
-    before = sum(float(image[band][valid[band], 1].sum(dtype=np.float64)) for band in bands)
+    rows = valid.shape[0]
+
+    def light(of: FloatImage, band: slice) -> float:
+        return float(of[band][valid[band], 1].sum(dtype=np.float64))
+
+    before = sum(over_bands(lambda band: light(image, band), rows, _BAND_ROWS, threads))
     mean_y = before / float(valid.sum())
     if not any(model.coefficients):
         summary = f"nothing, because {model.reason or 'the model holds no lighting'}"
         record = LightingRecord(False, model.coefficients, 0.0, mean_y, model.scans, summary)
-        return image.copy(), valid.copy(), record
-    out = np.empty_like(image)
-    lowest, highest, after = np.inf, -np.inf, 0.0
-    for band in bands:
+        return image, valid, record
+    result = np.empty_like(image) if out is None else out
+
+    def one_band(band: slice) -> tuple[float, float, float]:
         log_gain = lighting_log_gain(model, valid.shape, band)
-        lowest, highest = min(lowest, float(log_gain.min())), max(highest, float(log_gain.max()))
-        np.multiply(image[band], np.exp(-log_gain)[..., None], out=out[band], casting="same_kind")
-        after += float(out[band][valid[band], 1].sum(dtype=np.float64))
+        np.multiply(image[band], np.exp(-log_gain)[..., None], out=result[band], casting="same_kind")
+        return float(log_gain.min()), float(log_gain.max()), light(result, band)
+
+    lowest, highest, lights = zip(*over_bands(one_band, rows, _BAND_ROWS, threads), strict=True)
+    after = sum(lights)
     if after > 0.0 and before > 0.0:
-        out *= np.float32(before / after)
-    unevenness = float(np.expm1(highest - lowest))
+        factor = np.float32(before / after)
+        over_bands(lambda band: np.multiply(result[band], factor, out=result[band]), rows, _BAND_ROWS, threads)
+    unevenness = float(np.expm1(max(highest) - min(lowest)))
     evidence = "this scan" if model.scans == 1 else f"{model.scans} scans"
     summary = f"lighting that varied by {100 * unevenness:.0f} % removed, as judged from {evidence}"
     record = LightingRecord(True, model.coefficients, unevenness, mean_y, model.scans, summary)
-    return out, valid.copy(), record
+    return result, valid, record
 
 
 def lighting_log_gain(model: LightingModel, shape: tuple[int, ...], rows: slice) -> Vector:

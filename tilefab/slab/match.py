@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tilefab.slab.bands import over_bands
 from tilefab.slab.checks import check_pair
 from tilefab.types import FloatImage, Mask
 
@@ -18,6 +19,7 @@ CONSTANT_SPREAD = 0.02
 """A channel with a smaller standard deviation (CIELAB units) counts as constant, with no spread to scale."""
 
 _BAND_PX = 1 << 20
+_SCALED_PX = 1 << 17
 
 
 @dataclass(frozen=True)
@@ -120,6 +122,9 @@ def match_slabs(
     valids: Sequence[Mask],
     target: SlabColour | None = None,
     options: MatchOptions | None = None,
+    *,
+    in_place: bool = False,
+    threads: int = 1,
 ) -> tuple[list[FloatImage], list[MatchRecord]]:
     """Bring slabs to a common colour: per channel, (value - mean) * gain + new mean.
 
@@ -138,11 +143,15 @@ def match_slabs(
         counting once; for one slab without a target nothing is to do.
     options
         Strength and limits; whole strength and gains of 0.5 to 2 by default.
+    in_place
+        Whether to overwrite the images given.
+    threads
+        Never changes the result.
 
     Returns
     -------
     labs, records
-        In the order given.
+        In the order given; a slab that needs no change is returned as it was given.
 
     Raises
     ------
@@ -161,7 +170,7 @@ def match_slabs(
     out: list[FloatImage] = []
     records: list[MatchRecord] = []
     for lab, colour in zip(labs, colours, strict=True):
-        matched, record = _match_one(lab, colour, aim, options)
+        matched, record = _match_one(lab, colour, aim, options, lab if in_place else None, threads)
         out.append(matched)
         records.append(record)
     return out, records
@@ -179,7 +188,12 @@ def _resolved_target(colours: Sequence[SlabColour], target: SlabColour | None) -
 
 
 def _match_one(
-    lab: FloatImage, colour: SlabColour, target: SlabColour, options: MatchOptions
+    lab: FloatImage,
+    colour: SlabColour,
+    target: SlabColour,
+    options: MatchOptions,
+    out: FloatImage | None,
+    threads: int,
 ) -> tuple[FloatImage, MatchRecord]:
     before, spread = np.array(colour.mean), np.array(_spread(colour))
     wanted = np.ones(3)
@@ -191,12 +205,13 @@ def _match_one(
     limited = bool((allowed != wanted).any())
     shift_de = float(np.linalg.norm(after - before))
     if shift_de == 0.0 and (gains == 1.0).all():
-        out = lab.copy()
+        out = lab
         summary = "nothing, because the slab already has the target's colour"
         if options.strength == 0.0:
             summary = "nothing, because the strength is 0"
     else:
-        out = _scaled(lab, before, gains, after)
+        out = np.empty_like(lab) if out is None else out
+        _scale(lab, before, gains, after, out, threads)
         summary = (
             f"mean moved by {shift_de:.1f} dE to L* {after[0]:.1f} a* {after[1]:.1f} b* {after[2]:.1f}, "
             f"spread times {gains[0]:.2f}, {gains[1]:.2f} and {gains[2]:.2f}"
@@ -214,17 +229,21 @@ def _match_one(
     return out, record
 
 
-def _scaled(
-    lab: FloatImage, before: NDArray[np.float64], gains: NDArray[np.float64], after: NDArray[np.float64]
-) -> FloatImage:
-    out = np.empty_like(lab)
-    rows = max(1, _BAND_PX // lab.shape[1])
-    for top in range(0, lab.shape[0], rows):
-        old = lab[top : top + rows].astype(np.float64)
+def _scale(
+    lab: FloatImage,
+    before: NDArray[np.float64],
+    gains: NDArray[np.float64],
+    after: NDArray[np.float64],
+    out: FloatImage,
+    threads: int,
+) -> None:
+    def one_band(band: slice) -> None:
+        old = lab[band].astype(np.float64)
         new = (old - before) * gains + after
         new[..., 0] = np.clip(new[..., 0], np.minimum(old[..., 0], 0.0), np.maximum(old[..., 0], 100.0))
-        out[top : top + rows] = new
-    return out
+        out[band] = new
+
+    over_bands(one_band, lab.shape[0], max(1, _SCALED_PX // lab.shape[1]), threads)
 
 
 def _spread(colour: SlabColour) -> Triple:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tilefab.slab.bands import over_bands
 from tilefab.slab.checks import check_pair
 from tilefab.slab.kernels import cubic_taps, resample_columns, resample_rows
 from tilefab.types import FloatImage, Mask, SizePx
@@ -47,14 +48,14 @@ def resampled_size(size: SizePx, scale: float) -> SizePx:
     return SizePx(rows=max(1, math.floor(size.rows * scale + 0.5)), cols=max(1, math.floor(size.cols * scale + 0.5)))
 
 
-def resample(image: FloatImage, valid: Mask, scale: float) -> tuple[FloatImage, Mask, ResampleRecord]:
+def resample(image: FloatImage, valid: Mask, scale: float, threads: int = 1) -> tuple[FloatImage, Mask, ResampleRecord]:
     """Resample a linear image and its mask by one factor in both directions.
 
     Keys' cubic, interpolating when enlarging and widened by 1 / ``scale`` against aliasing when reducing,
     in linear light, clamped to the range of its support (no ringing, never below the darkest pixel around).
     The resolution is exact: the centre of output pixel i lies at (i + 0.5) / ``scale``, whatever rounding
     the size takes, so the last pixel may hang over the scan's edge by at most half an output pixel. Works
-    in bands of rows; beside input and output it needs some tens of megabytes.
+    in bands of rows; beside input and output it needs some tens of megabytes a thread.
 
     Parameters
     ----------
@@ -64,11 +65,13 @@ def resample(image: FloatImage, valid: Mask, scale: float) -> tuple[FloatImage, 
         bool, (rows, cols).
     scale
         Print resolution by scan resolution, > 0.
+    threads
+        Never changes the result.
 
     Returns
     -------
     image
-        float32, size as `resampled_size` tells.
+        float32, size as `resampled_size` tells; where the scale is 1, image and mask are those given.
     valid
         True where every pixel of the support was valid. Pixels beyond the scan's edge do not count as
         invalid.
@@ -91,8 +94,8 @@ def resample(image: FloatImage, valid: Mask, scale: float) -> tuple[FloatImage, 
     if scale == 1.0:
         frac = float(valid.mean())
         return (
-            image.copy(),
-            valid.copy(),
+            image,
+            valid,
             ResampleRecord(1.0, before, after, frac, frac, "nothing, because the scan has the print's resolution"),
         )
     col_taps = cubic_taps(before.cols, after.cols, scale)
@@ -100,8 +103,9 @@ def resample(image: FloatImage, valid: Mask, scale: float) -> tuple[FloatImage, 
     out = np.empty((after.rows, after.cols, 3), np.float32)
     out_valid = np.empty((after.rows, after.cols), np.bool_)
     rows_a_band = max(1, int(_BAND_PX * min(scale, 1.0) / max(before.cols, after.cols)))
-    for top in range(0, after.rows, rows_a_band):
-        bottom = min(top + rows_a_band, after.rows)
+
+    def one_band(band: slice) -> None:
+        top, bottom = band.start, band.stop
         start = int(first[top:bottom].min())
         end = int((first[top:bottom] + count[top:bottom]).max())
         middle = np.empty((end - start, after.cols, 3), np.float32)
@@ -116,6 +120,8 @@ def resample(image: FloatImage, valid: Mask, scale: float) -> tuple[FloatImage, 
             out[top:bottom],
             out_valid[top:bottom],
         )
+
+    over_bands(one_band, after.rows, rows_a_band, threads)
     frac_before, frac_after = float(valid.mean()), float(out_valid.mean())
     verb = "reduced" if scale < 1.0 else "enlarged"
     summary = (

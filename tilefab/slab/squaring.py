@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from tilefab.slab.bands import over_bands
 from tilefab.slab.checks import check_pair
 from tilefab.slab.edges import Edges, find_edges
 from tilefab.slab.kernels import warp_rows
@@ -64,6 +65,9 @@ class SquaringRecord:
         Sizes in pixels.
     summary
         One sentence for the report.
+    matrix
+        Takes homogeneous (row, col, 1) of the squared slab before trimming to (row, col, 1) of the scan, both with
+        pixel centres at +0.5; None if not squared.
     """
 
     squared: bool
@@ -75,10 +79,11 @@ class SquaringRecord:
     size_before: SizePx
     size_after: SizePx
     summary: str
+    matrix: tuple[tuple[float, ...], ...] | None = None
 
 
 def square_slab(
-    image: FloatImage, valid: Mask, options: SquaringOptions | None = None
+    image: FloatImage, valid: Mask, options: SquaringOptions | None = None, threads: int = 1
 ) -> tuple[FloatImage, Mask, SquaringRecord]:
     """Find a slab on the scanner's bed, make it an upright rectangle of its own size, and trim its sides.
 
@@ -97,11 +102,13 @@ def square_slab(
         bool, (rows, cols).
     options
         Trim and limits.
+    threads
+        Never changes the result.
 
     Returns
     -------
     image, valid
-        New arrays.
+        New arrays, or those given where nothing was done.
     record
 
     Raises
@@ -113,7 +120,7 @@ def square_slab(
     options = SquaringOptions() if options is None else options
     if options.trim_px < 0:
         raise ValueError(f"trim of {options.trim_px} px is negative")
-    surround = find_surround(image, valid)
+    surround = find_surround(image, valid, threads)
     if isinstance(surround, str):
         return _trimmed_only(image, valid, options, surround)
     edges = find_edges(image, valid, surround)
@@ -122,7 +129,7 @@ def square_slab(
     doubt = _doubt(edges.corners_px, valid.shape, options)
     if doubt is not None:
         return _trimmed_only(image, valid, options, doubt)
-    return _squared(image, valid, options, surround, edges)
+    return _squared(image, valid, options, surround, edges, threads)
 
 
 def _trimmed_only(
@@ -143,11 +150,12 @@ def _trimmed_only(
         size_after=after,
         summary=f"{done}, because {reason}",
     )
-    return image[inner].copy(), valid[inner].copy(), record
+    # Where nothing was trimmed these are the arrays themselves.
+    return np.ascontiguousarray(image[inner]), np.ascontiguousarray(valid[inner]), record
 
 
 def _squared(
-    image: FloatImage, valid: Mask, options: SquaringOptions, surround: Surround, edges: Edges
+    image: FloatImage, valid: Mask, options: SquaringOptions, surround: Surround, edges: Edges, threads: int
 ) -> tuple[FloatImage, Mask, SquaringRecord]:
     corners = edges.corners_px
     top, right, bottom, left = (float(np.linalg.norm(corners[(side + 1) % 4] - corners[side])) for side in range(4))
@@ -160,9 +168,13 @@ def _squared(
     masked, chipped = _without_chips(valid, surround, corners)
     out = np.empty((after.rows, after.cols, 3), np.float32)
     out_valid = np.empty((after.rows, after.cols), np.bool_)
-    for start in range(0, after.rows, _BAND_ROWS):
-        band = slice(start, min(start + _BAND_ROWS, after.rows))
-        warp_rows(image, masked, matrix, options.trim_px + start, options.trim_px, out[band], out_valid[band])
+    trim = options.trim_px
+    over_bands(
+        lambda band: warp_rows(image, masked, matrix, trim + band.start, trim, out[band], out_valid[band]),
+        after.rows,
+        _BAND_ROWS,
+        threads,
+    )
     if not out_valid.any():
         return _trimmed_only(image, valid, options, "no valid pixel lies on what looks like the slab")
     tangent = corners[1] - corners[0] + corners[2] - corners[3]
@@ -184,6 +196,7 @@ def _squared(
         size_before=SizePx(*valid.shape),
         size_after=after,
         summary=summary,
+        matrix=tuple(tuple(float(value) for value in row) for row in matrix),
     )
     return out, out_valid, record
 

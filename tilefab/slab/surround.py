@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from tilefab.slab.bands import over_bands
 from tilefab.types import FloatImage, Mask
 
 _REDUCED_SIDE_PX = 700
@@ -42,7 +43,7 @@ class Surround:
     scatter_de: float
 
 
-def find_surround(image: FloatImage, valid: Mask) -> Surround | str:
+def find_surround(image: FloatImage, valid: Mask, threads: int = 1) -> Surround | str:
     """Find the bed around a slab, or say in words why there is none to be relied on.
 
     The bed must be seen along nearly the whole border of the scan and follow one smooth surface of colour
@@ -55,13 +56,15 @@ def find_surround(image: FloatImage, valid: Mask) -> Surround | str:
         float32, (rows, cols, 3), linear XYZ D50.
     valid
         bool, (rows, cols).
+    threads
+        Never changes the result.
 
     Returns
     -------
     Surround or str
     """
     cell_px = max(1, -(-max(valid.shape) // _REDUCED_SIDE_PX))
-    cells, known = reduced_copy(image, valid, cell_px)
+    cells, known = reduced_copy(image, valid, cell_px, threads)
     if min(known.shape) < 8 * _RING_CELLS:
         return "the scan is too small to tell a slab from its surround"
     lab = perceptual(cells)
@@ -96,7 +99,7 @@ def find_surround(image: FloatImage, valid: Mask) -> Surround | str:
     return Surround(cell_px, bed, np.asarray(slab, np.bool_), scatter)
 
 
-def reduced_copy(image: FloatImage, valid: Mask, cell_px: int) -> tuple[NDArray[np.float64], Mask]:
+def reduced_copy(image: FloatImage, valid: Mask, cell_px: int, threads: int = 1) -> tuple[NDArray[np.float64], Mask]:
     """Mean of the valid pixels of each cell; a rest at the right or bottom smaller than a cell is left out.
 
     Returns
@@ -109,7 +112,9 @@ def reduced_copy(image: FloatImage, valid: Mask, cell_px: int) -> tuple[NDArray[
     rows, cols = valid.shape[0] // cell_px, valid.shape[1] // cell_px
     cells = np.zeros((rows, cols, 3))
     known = np.zeros((rows, cols), np.bool_)
-    for row in range(rows):
+
+    def one_row(of_cells: slice) -> None:
+        row = of_cells.start
         band = slice(row * cell_px, (row + 1) * cell_px)
         mask = valid[band, : cols * cell_px].reshape(cell_px, cols, cell_px)
         pixels = image[band, : cols * cell_px].reshape(cell_px, cols, cell_px, 3)
@@ -119,6 +124,8 @@ def reduced_copy(image: FloatImage, valid: Mask, cell_px: int) -> tuple[NDArray[
         total = pixels.sum(axis=0, dtype=np.float32).sum(axis=1, dtype=np.float64)
         cells[row] = total / np.maximum(weight, 1)[:, None]
         known[row] = 2 * weight >= cell_px * cell_px
+
+    over_bands(one_row, rows, 1, threads)
     return cells, known
 
 

@@ -72,6 +72,41 @@ def window_is_valid(valid: Mask, rows: int, cols: int) -> Mask:
     return np.asarray(window_sums((~valid).astype(np.int64), rows, cols) == 0)
 
 
+@kernel
+def largest_square(mask: Mask) -> int:
+    """Side of the largest square that is True throughout, row by row from the sides of those that end above.
+
+    Twin: `largest_square_plain`.
+    """
+    cols = mask.shape[1]
+    ending = np.zeros(cols + 1, np.int64)  # by the column after their last
+    best = 0
+    for row in range(mask.shape[0]):
+        above_left = 0
+        for col in range(cols):
+            above = ending[col + 1]
+            if mask[row, col]:
+                side = min(above, above_left, ending[col]) + 1
+                ending[col + 1] = side
+                best = max(best, side)
+            else:
+                ending[col + 1] = 0
+            above_left = above
+    return best
+
+
+def largest_square_plain(mask: Mask) -> int:
+    """Plain twin of `largest_square`, by bisection."""
+    low, high = 0, min(mask.shape)
+    while low < high:
+        middle = (low + high + 1) // 2
+        if window_is_valid(mask, middle, middle).any():
+            low = middle
+        else:
+            high = middle - 1
+    return low
+
+
 class TemplateSearch:
     """Sum of squared differences of a masked template against every window of one image.
 

@@ -30,6 +30,7 @@ trim_mm = 2.5
 target_lab = [62, 3.0, -11]
 
 [texture]
+design = "tile"
 map_size_mm = [50, 50]
 feature_mm = 12
 patches = 40
@@ -123,6 +124,7 @@ def test_every_setting_arrives(tmp_path: Path) -> None:
     assert job.slab.masks == ["m.png", ""]
     assert job.slab.target_lab == [62.0, 3.0, -11.0]
     assert (job.slab.dpi, job.slab.trim_mm) == (60.0, 2.5)
+    assert job.texture.design == "tile"
     assert job.texture.map_size_mm == [50.0, 50.0]
     assert (job.texture.feature_mm, job.texture.patches, job.texture.active_per_cell, job.texture.seed) == (
         12,
@@ -149,10 +151,57 @@ def test_all_but_the_least_has_a_default(tmp_path: Path) -> None:
         40.0,
         0,
     )
+    assert (job.texture.design, job.texture.crops, job.texture.ration) == ("crops", 1024, True)
+    assert (job.texture.drop, job.texture.keep, job.slab.weights) == ([], [], None)
     assert (job.tile.count, job.tile.layout, job.tile.bleed_mm) == (1, "scatter", 0.0)
     assert (job.colour.intent, job.colour.ink_limit_percent, job.colour.ink_names) == ("perceptual", 300.0, None)
     assert (job.output.format, job.output.bits, job.output.compression, job.output.proofs) == ("tiff", 8, "none", True)
     assert (job.report.pdf, job.slab.square, job.slab.lighting, job.slab.match) == ("report.pdf", True, True, True)
+
+
+def with_texture(*lines: str) -> str:
+    return LEAST + "\n[texture]\n" + "".join(f"{line}\n" for line in lines)
+
+
+def test_every_setting_of_crops_arrives(tmp_path: Path) -> None:
+    text = with_texture("crops = 16", "ration = false", "drop = [7, 3, 7]", "keep = [1, 2, 3]", "feature_mm = 4")
+    texture = load_job(write(tmp_path, text.replace("scans = [", 'weights = ["w.png"]\nscans = ['))).job.texture
+    assert (texture.crops, texture.ration, texture.drop, texture.keep) == (16, False, [7, 3, 7], [1, 2, 3])
+
+
+@pytest.mark.parametrize(
+    "line", ["crops = 15", "crops = 4097", "drop = [-1]", "keep = [1.5]", 'drop = "3"', 'ration = "no"']
+)
+def test_settings_of_crops_have_limits(tmp_path: Path, line: str) -> None:
+    problem = only(tmp_path, with_texture(line))
+    assert problem.key == f"texture.{line.partition(' ')[0]}"
+
+
+@pytest.mark.parametrize(
+    ("design", "line"),
+    [
+        ("crops", 'method = "quilting"'),
+        ("crops", "map_size_mm = [50, 50]"),
+        ("crops", "patches = 600"),
+        ("crops", "active_per_cell = 40"),
+        ("tile", "crops = 1024"),
+        ("tile", "ration = true"),
+        ("tile", "drop = []"),
+        ("tile", "keep = [1]"),
+    ],
+)
+def test_a_setting_of_the_other_design_is_a_problem(tmp_path: Path, design: str, line: str) -> None:
+    text = with_texture(f'design = "{design}"', line)
+    problem = only(tmp_path, text)
+    key = line.partition(" ")[0]
+    assert (problem.key, problem.line) == (f"texture.{key}", line_of(text, key))
+    assert f'this job has "{design}"' in problem.message
+
+
+def test_weights_go_with_scans(tmp_path: Path) -> None:
+    problem = only(tmp_path, LEAST.replace("scans = [", 'weights = ["a", "b"]\nscans = ['))
+    assert problem.key == "slab.weights"
+    assert "give one each" in problem.message
 
 
 def test_what_was_read_can_t_change(tmp_path: Path) -> None:
@@ -476,10 +525,10 @@ def test_any_value_gives_a_job_or_a_problem_with_its_key(
     result = outcome(tmp_path / "job.toml", text.encode())
     if isinstance(result, ConfigError):
         # Settings of one section can contradict each other: columns is named where the layout was changed.
-        near = {key, "columns", "masks", "size_mm", ""}
+        near = {key, "columns", "masks", "size_mm", "map_size_mm", ""}
         assert {problem.key.rpartition(".")[2] for problem in result.problems} <= near
     else:
-        assert Job.model_validate(result.job.model_dump()) == result.job
+        assert Job.model_validate(result.job.model_dump(exclude_unset=True)) == result.job
 
 
 @given(drop=st.sets(st.integers(0, VALID.count("\n") - 1), max_size=6), order=st.randoms(use_true_random=False))

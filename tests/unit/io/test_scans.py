@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tilefab.errors import ImageError
-from tilefab.io.scans import read_mask, read_scan, scan_facts
+from tilefab.io.scans import read_mask, read_scan, read_weights, scan_facts
 from tilefab.types import SizePx
 
 ROWS, COLS = 40, 56
@@ -355,3 +355,46 @@ def test_a_cmyk_jpeg_is_refused_for_its_colours_would_change(tmp_path: Path) -> 
     Image.new("CMYK", (8, 8)).save(path)
     with pytest.raises(ImageError, match="CMYK JPEG"):
         read_scan(path)
+
+
+@pytest.mark.parametrize("dtype", ["u1", "u2", "f4"])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_weights_are_the_grey_of_an_image(tmp_path: Path, dtype: str, channels: int) -> None:
+    grey = np.arange(256, dtype=np.uint8).reshape(8, 32)
+    values = {"u1": grey, "u2": grey.astype(np.uint16) * 257, "f4": (grey / 255).astype(np.float32)}[dtype]
+    pixels = np.repeat(values[..., None], channels, axis=2)
+    tifffile.imwrite(tmp_path / "w.tif", pixels, photometric="rgb" if channels == 3 else "minisblack")
+    weights = read_weights(tmp_path / "w.tif", (8, 32))
+    assert weights.dtype == np.uint8
+    np.testing.assert_array_equal(weights, grey)
+
+
+def test_weights_without_a_value_or_beyond_the_scale_are_bounded(tmp_path: Path) -> None:
+    write_exr(tmp_path / "w.exr", np.array([[[np.nan], [np.inf], [-np.inf], [7.0], [-1.0]]], dtype=np.float32))
+    assert read_weights(tmp_path / "w.exr", (1, 5)).tolist() == [[0, 255, 0, 255, 0]]
+
+
+def test_weights_must_be_as_large_as_their_scan(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "w.tif", np.zeros((ROWS, COLS), np.uint8))
+    with pytest.raises(ImageError, match=f"image of weights has {COLS} x {ROWS} pixels but its scan 30 x 20"):
+        read_weights(tmp_path / "w.tif", (20, 30))
+
+
+def test_a_tall_scan_is_read_as_a_low_one(tmp_path: Path) -> None:
+    """Scans are gone through in bands; what is wrong or transparent in a later band counts as well."""
+    pixels = np.full((1100, 3, 4), 0.5, dtype=np.float32)
+    pixels[..., 3] = 1
+    pixels[700, 1, 0] = -1
+    pixels[1050, 2, 3] = 0
+    pixels[1050, 2, 1] = np.nan
+    write_exr(tmp_path / "a.exr", pixels, names=("R", "G", "B", "A"))
+    scan = read_scan(tmp_path / "a.exr")
+    assert np.argwhere(~scan.valid).tolist() == [[1050, 2]]
+    assert any("1 pixels with negative values" in note for note in scan.notes)
+    assert scan.pixels[700, 1].tolist() == [0, 0.5, 0.5]
+    assert not scan.pixels[1050, 2].any()
+    pixels[800, 0, 2] = np.inf
+    pixels[900, 0, 2] = np.inf
+    write_exr(tmp_path / "b.exr", pixels, names=("R", "G", "B", "A"))
+    with pytest.raises(ImageError, match="2 pixels are NaN or infinite, the first at row 800, column 0"):
+        read_scan(tmp_path / "b.exr")

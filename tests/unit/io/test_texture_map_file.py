@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 
 from tilefab.errors import OutputError, TextureMapError
 from tilefab.io.texture_map_file import MAGIC, load_texture_map, save_texture_map
-from tilefab.sampling import FORMAT_VERSION, Patches, TextureMap, render
+from tilefab.sampling import FORMAT_VERSION, CropMap, Patches, TextureMap, TileMap, render
 from tilefab.sampling.texture_map import SlabArea
 
 PREFIX = struct.Struct("<12sIQ")
 
 
-def small_map(dtype: str = "u1", patches: int = 3) -> TextureMap:
+def small_map(dtype: str = "u1", patches: int = 3) -> TileMap:
     """A map of 13 x 11 pixels; with ``patches`` patches of two runs each."""
     random = np.random.default_rng(4)
     zeros = np.zeros(patches, dtype=np.int32)
@@ -39,7 +39,7 @@ def small_map(dtype: str = "u1", patches: int = 3) -> TextureMap:
         worst_delta_e=random.random(patches, dtype=np.float32),
         mean_delta_e=random.random(patches, dtype=np.float32),
     )
-    return TextureMap(
+    return TileMap(
         base=(random.random((13, 11, 3)) * 250).astype(dtype),
         tile_source=random.integers(0, 143, (7, 5)).astype(np.int32),
         patches=table,
@@ -52,10 +52,36 @@ def small_map(dtype: str = "u1", patches: int = 3) -> TextureMap:
     )
 
 
-@pytest.fixture(scope="module")
-def saved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, bytes, TextureMap]:
+def small_crop_map(dtype: str = "u1", crops: int = 4) -> CropMap:
+    """A map of 13 x 11 pixels, of crops of 6 x 6 pixels of which two, perhaps, take turns."""
+    random = np.random.default_rng(5)
+    return CropMap(
+        base=(random.random((13, 11, 3)) * 250).astype(dtype),
+        space="lab16",
+        channels=("L*", "a*", "b*"),
+        dpi=72.5,
+        slabs=(SlabArea("Steinplatte №1.tif", 0, 0, 13, 11),),
+        provenance={"design": "crops", "warnings": '["ünïcödé"]'},
+        guide=random.integers(0, 256, (7, 6, 4)).astype(np.uint8),
+        guide_shift=1,
+        crop_row=(np.arange(crops, dtype=np.int32) * 2) % 6,
+        crop_col=(np.arange(crops, dtype=np.int32) * 2) % 4,
+        pitch_px=4,
+        overlap_px=4,
+        seam_levels=0,
+        side_cost=random.integers(0, 5000, (crops, crops)).astype(np.uint16),
+        below_cost=random.integers(0, 5000, (crops, crops)).astype(np.uint16),
+        price=random.integers(-900, 900, crops).astype(np.int32),
+        ration=(np.arange(crops) % 3 - 1).astype(np.int8),
+        candidates=crops,
+        sweeps=1,
+    )
+
+
+@pytest.fixture(scope="module", params=[small_map, small_crop_map], ids=["tile", "crops"])
+def saved(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, bytes, TextureMap]:
     path = tmp_path_factory.mktemp("map") / "a.tfmap"
-    texture = small_map()
+    texture = request.param()
     save_texture_map(path, texture)
     return path, path.read_bytes(), texture
 
@@ -65,15 +91,18 @@ def assert_same(loaded: TextureMap, texture: TextureMap) -> None:
     for name, array in texture.arrays().items():
         assert loaded.arrays()[name].dtype == array.dtype, name
         np.testing.assert_array_equal(loaded.arrays()[name], array, err_msg=name)
-    for name in ("activation_threshold", "space", "channels", "dpi", "slabs", "provenance"):
+    for name in ("design", "space", "channels", "dpi", "slabs", "provenance"):
         assert getattr(loaded, name) == getattr(texture, name), name
-    assert loaded.patches.count_a == texture.patches.count_a
+    assert type(loaded) is type(texture)
+    assert loaded.parameters() == texture.parameters()
 
 
 @pytest.mark.parametrize("dtype", ["u1", "u2", "f4"])
-@pytest.mark.parametrize("patches", [0, 1, 3])
-def test_nothing_is_lost(tmp_path: Path, dtype: str, patches: int) -> None:
-    texture = small_map(dtype, patches)
+@pytest.mark.parametrize(
+    ("make", "size"), [(small_map, 0), (small_map, 1), (small_map, 3), (small_crop_map, 1), (small_crop_map, 7)]
+)
+def test_nothing_is_lost(tmp_path: Path, dtype: str, make: Callable[[str, int], TextureMap], size: int) -> None:
+    texture = make(dtype, size)
     save_texture_map(tmp_path / "a.tfmap", texture)
     loaded = load_texture_map(tmp_path / "a.tfmap")
     assert_same(loaded, texture)
@@ -83,7 +112,7 @@ def test_nothing_is_lost(tmp_path: Path, dtype: str, patches: int) -> None:
 
 def test_built_maps_come_back(tmp_path: Path, maps: dict[str, object]) -> None:
     for name, built in maps.items():
-        texture: TextureMap = built.map  # type: ignore[attr-defined]
+        texture: TileMap = built.map  # type: ignore[attr-defined]
         save_texture_map(str(tmp_path / f"{name}.tfmap"), texture)
         assert_same(load_texture_map(str(tmp_path / f"{name}.tfmap")), texture)
 
@@ -185,10 +214,16 @@ def _set_entry(name: str, value: object) -> Callable[[dict[str, object]], object
         lambda h: h.update(dpi=72.6),
         lambda h: h.update(dpi=float("nan")),
         lambda h: h.update(channels=["L*", "a*"]),
-        lambda h: h.update(count_a=99),
-        lambda h: h.update(count_a=float("inf")),
-        lambda h: h.update(activation_threshold=-1),
-        lambda h: h.update(activation_threshold=1 << 40),
+        lambda h: h.update(design="wang"),
+        lambda h: h.update(design=["tile"]),
+        lambda h: h.pop("design"),
+        lambda h: h.update(design={"tile": "crops", "crops": "tile"}[h["design"]]),
+        lambda h: h.update(parameters=[]),
+        lambda h: h.pop("parameters"),
+        lambda h: h["parameters"].update(dict.fromkeys(h["parameters"], -1)),
+        lambda h: h["parameters"].update(dict.fromkeys(h["parameters"], 1 << 40)),
+        lambda h: h["parameters"].update(dict.fromkeys(h["parameters"], float("inf"))),
+        lambda h: h["parameters"].popitem(),
         lambda h: h.update(slabs=[[]]),
         lambda h: h.update(slabs=[["a", 0, 0, 13, 11, 12]]),
         lambda h: h.update(provenance=[]),

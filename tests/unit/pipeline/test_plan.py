@@ -28,6 +28,7 @@ name = "Plan"
 scans = ["slab.tif"]
 dpi = 60
 [texture]
+design = "tile"
 patches = 40
 active_per_cell = 9
 seed = 7

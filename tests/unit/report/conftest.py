@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from tilefab.report import (
+    ChartView,
     ColourView,
     FaceView,
     HistogramView,
     InkView,
+    PictureView,
     RunReportView,
     SwatchView,
     TextureMapView,
@@ -27,6 +29,10 @@ def digest(text: str) -> str:
 
 def picture(rows: int, cols: int, seed: int = 0) -> np.ndarray:
     return np.random.default_rng(seed).integers(0, 256, (rows, cols, 3), dtype=np.uint8)
+
+
+def chart(title: str, histogram: HistogramView) -> ChartView:
+    return ChartView(title, "pixels", "crops", histogram)
 
 
 @pytest.fixture(scope="session")
@@ -68,12 +74,16 @@ def typical() -> RunReportView:
         out_of_gamut_share=0.064,
     )
     texture_map = TextureMapView(
-        tile=picture(40, 60),
-        patch_outlines=picture(40, 60, 1),
-        exemplar=picture(50, 80, 2),
-        facts=(("Patches", "812"), ("Seed", "20260115")),
-        patch_cost=HistogramView(np.linspace(0, 0.08, 21), rng.integers(0, 90, 20)),
-        patch_size=HistogramView(np.linspace(0, 60000, 11), rng.integers(0, 90, 10)),
+        pictures=(
+            PictureView("Exemplar", "the slab as it was prepared", picture(50, 80, 2)),
+            PictureView("Crops", "seams between them are white", picture(40, 60)),
+            PictureView("Use", "how often each place shows", picture(40, 60, 1)),
+        ),
+        facts=(("Crops", "812"), ("Seed", "20260115")),
+        charts=(
+            chart("Cost", HistogramView(np.linspace(0, 0.08, 21), rng.integers(0, 90, 20))),
+            chart("Size", HistogramView(np.linspace(0, 60000, 11), rng.integers(0, 90, 10))),
+        ),
     )
     return RunReportView(
         title="Verde Alpi 60×120",
@@ -107,12 +117,12 @@ def minimal(typical: RunReportView) -> RunReportView:
         gamut_lc=np.zeros((0, 2)),
     )
     texture_map = TextureMapView(
-        tile=pixel,
-        patch_outlines=pixel,
-        exemplar=pixel,
+        pictures=(PictureView("", "", pixel),),
         facts=(),
-        patch_cost=HistogramView(np.zeros(0), np.zeros(0)),
-        patch_size=HistogramView(np.array([1.0, 2.0]), np.array([0])),
+        charts=(
+            chart("", HistogramView(np.zeros(0), np.zeros(0))),
+            chart("", HistogramView(np.array([1.0, 2.0]), np.array([0]))),
+        ),
     )
     return replace(
         typical,
@@ -164,11 +174,16 @@ def extreme(typical: RunReportView) -> RunReportView:
     )
     texture_map = replace(
         typical.texture_map,
-        tile=np.zeros((4000, 20, 3), np.uint8),
-        exemplar=np.zeros((20, 4000, 3), np.uint8),
+        pictures=(
+            PictureView(LONG, LONG * 3, np.zeros((4000, 20, 3), np.uint8)),
+            PictureView(LONG, LONG * 3, np.zeros((20, 4000, 3), np.uint8)),
+            *typical.texture_map.pictures[:2],
+        ),
         facts=((LONG, LONG * 4),) * 21,
-        patch_cost=HistogramView(np.arange(5001.0) * 1e9, np.arange(5000)),
-        patch_size=HistogramView(np.array([0.0, 1e-12]), np.array([10**12])),
+        charts=(
+            ChartView(LONG, LONG, LONG, HistogramView(np.arange(5001.0) * 1e9, np.arange(5000))),
+            ChartView(LONG, LONG, LONG, HistogramView(np.array([0.0, 1e-12]), np.array([10**12]))),
+        ),
     )
     return replace(
         typical,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tilefab.errors import ReportError
-from tilefab.report import HistogramView, InkView, RunReportView, SwatchView, build_run_report
+from tilefab.report import HistogramView, InkView, PictureView, RunReportView, SwatchView, build_run_report
 
 NAN = float("nan")
 
@@ -35,8 +35,9 @@ def with_map(view: RunReportView, **changes: Any) -> RunReportView:
 def test_pictures_of_another_kind(minimal: RunReportView, image: Any) -> None:
     with pytest.raises(ReportError, match="wall_preview"):
         build_run_report(replace(minimal, wall_preview=image))
-    with pytest.raises(ReportError, match=r"texture_map\.tile"):
-        build_run_report(with_map(minimal, tile=image))
+    with pytest.raises(ReportError, match=r"texture_map\.pictures\[1\]\.image"):
+        good = minimal.texture_map.pictures[0]
+        build_run_report(with_map(minimal, pictures=(good, PictureView("", "", image))))
 
 
 @pytest.mark.parametrize(
@@ -97,8 +98,21 @@ def test_tables_of_another_kind(minimal: RunReportView, field: str, table: Any) 
 )
 def test_histograms_that_are_none(minimal: RunReportView, edges: Any, counts: Any) -> None:
     bad = HistogramView(np.array(edges), np.array(counts))
-    with pytest.raises(ReportError, match="patch_cost"):
-        build_run_report(with_map(minimal, patch_cost=bad))
+    good = minimal.texture_map.charts[0]
+    with pytest.raises(ReportError, match=r"charts\[1\]\.histogram"):
+        build_run_report(with_map(minimal, charts=(good, replace(good, histogram=bad))))
+
+
+@pytest.mark.parametrize("count", [0, 5])
+def test_too_few_or_too_many_pictures(minimal: RunReportView, count: int) -> None:
+    with pytest.raises(ReportError, match=r"texture_map\.pictures"):
+        build_run_report(with_map(minimal, pictures=minimal.texture_map.pictures * count))
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_another_number_of_charts(minimal: RunReportView, count: int) -> None:
+    with pytest.raises(ReportError, match=r"texture_map\.charts"):
+        build_run_report(with_map(minimal, charts=(minimal.texture_map.charts * 2)[:count]))
 
 
 @pytest.mark.parametrize("code", ["", "x" * 1990, "x" * 5000, "\udc80"])

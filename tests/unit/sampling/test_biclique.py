@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
 
 from tilefab.sampling.biclique import overlap_matrix, pseudo_biclique
-from tilefab.sampling.map_builder import _runs
+from tilefab.sampling.tile_builder import _runs
 
 
 @given(st.data())

@@ -11,7 +11,7 @@ from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
 
 from tilefab.rng import stream_key
-from tilefab.sampling import Patches, TextureMap, render
+from tilefab.sampling import Patches, TileMap, render
 from tilefab.sampling.activation import active_patches_reference
 
 SEED = 20
@@ -23,7 +23,7 @@ def pixels_of(patches: Patches, k: int, row: int, col: int) -> NDArray[np.int64]
 
 
 def paint(
-    texture_map: TextureMap, row: int, col: int, rows: int, cols: int, seed: int
+    texture_map: TileMap, row: int, col: int, rows: int, cols: int, seed: int
 ) -> tuple[Any, NDArray[np.int64]]:
     """Region of the plane, painted patch by patch from the masks, and how many patches cover each pixel."""
     tile_rows, tile_cols = texture_map.tile_shape

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
 
-from tilefab.sampling import TextureMap, render, render_points
-from tilefab.sampling.reference import pixel_reference, render_reference
+from tilefab.sampling import TileMap, render, render_points
+from tilefab.sampling.tile_reference import pixel_reference, render_reference
 from tilefab.sampling.render import COORDINATE_LIMIT
 
 FAR = 2**40
@@ -31,7 +31,7 @@ def test_render_is_the_sampler_of_the_first_seed(built: Any, origin: tuple[int, 
     assert_array_equal(picture, render_reference(built.map, *origin, 22, 25, seed=3))
 
 
-def test_the_hand_made_map_pixel_by_pixel(hand_map: Callable[..., TextureMap]) -> None:
+def test_the_hand_made_map_pixel_by_pixel(hand_map: Callable[..., TileMap]) -> None:
     texture_map = hand_map(overlaps=~np.eye(3, dtype=bool))
     assert_array_equal(
         render(texture_map, -9, -13, 25, 31, seed=8), render_reference(texture_map, -9, -13, 25, 31, seed=8)
@@ -140,7 +140,7 @@ def test_the_plane_does_not_repeat(built: Any) -> None:
             assert (here != there).any(axis=2).mean() > 0.1
 
 
-def test_without_activation_the_tile_repeats(hand_map: Callable[..., TextureMap]) -> None:
+def test_without_activation_the_tile_repeats(hand_map: Callable[..., TileMap]) -> None:
     texture_map = hand_map(activation_threshold=0)
     picture = render(texture_map, -8, -12, 16, 24, seed=0)
     assert_array_equal(picture, np.tile(texture_map.tile, (4, 4, 1)))
@@ -257,7 +257,7 @@ def test_points_out_of_range_or_between_pixels_are_refused(maps: dict[str, Any],
 
 @pytest.mark.parametrize("side", [(40, 30), (41, 31)])
 def test_patches_that_reach_to_the_tips_of_the_rhombus(
-    hand_map: Callable[..., TextureMap], side: tuple[int, int]
+    hand_map: Callable[..., TileMap], side: tuple[int, int]
 ) -> None:
     """One column and one row of pixels as long as the rhombus allows: the most a region has to look around itself."""
     rows, cols = side

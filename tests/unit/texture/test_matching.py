@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from tilefab.texture.matching import (
     TemplateSearch,
+    largest_square,
+    largest_square_plain,
     matching_image,
     reduced,
     reduced_mask,
@@ -136,3 +138,18 @@ def test_refine_place_without_an_allowed_place(reach: int) -> None:
     allowed[5, 5] = True
     found = refine_place(image, image[:3, :3], np.ones((3, 3), dtype=bool), allowed, 2, 2, reach)
     assert found == (-1, -1, -1)
+
+
+@given(hnp.arrays(np.bool_, hnp.array_shapes(min_dims=2, max_dims=2, min_side=0, max_side=14), elements=st.booleans()))
+def test_the_largest_square_is_what_bisection_finds(mask: NDArray[np.bool_]) -> None:
+    mask = mask | np.roll(mask, 1) if mask.size else mask
+    assert largest_square(mask) == largest_square_plain(mask)
+
+
+def test_the_largest_square_of_a_mask_with_a_hole() -> None:
+    mask = np.ones((40, 55), dtype=bool)
+    assert largest_square(mask) == 40
+    mask[20, 30] = False
+    assert largest_square(mask) == 30
+    assert largest_square(~mask) == 1
+    assert largest_square(np.zeros((3, 4), dtype=bool)) == 0

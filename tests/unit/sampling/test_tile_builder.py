@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
 
-from tilefab.sampling import BuildOptions, TextureMap, build, render
+from tilefab.sampling import TileMap, TileOptions, build_tile_map, render
 from tilefab.synthesis.quilting import quilt_torus
 from tilefab.texture.matching import matching_image
 from tilefab.types import Mask, SizePx
@@ -22,12 +22,12 @@ def build_plain(
     valid: Mask | None = None,
     progress: Callable[[float], None] | None = None,
     **options: Any,
-) -> TextureMap:
-    return build(
+) -> TileMap:
+    return build_tile_map(
         lab,
         np.ones(lab.shape[:2], dtype=bool) if valid is None else valid,
         source,
-        BuildOptions(**{"threads": 1, **options}),
+        TileOptions(**{"threads": 1, **options}),
         stored=lab,
         space="lab",
         channels=("L", "a", "b"),
@@ -127,7 +127,7 @@ def test_one_colour_gives_one_colour() -> None:
     assert (picture == np.float32((62.0, 1.5, 7.0))).all()
 
 
-def bare_tile(texture_map: TextureMap) -> bool:
+def bare_tile(texture_map: TileMap) -> bool:
     rows, cols = texture_map.tile_shape
     picture = render(texture_map, -2 * rows, 4 * cols, 3 * rows, 3 * cols, seed=1)
     return bool((picture == np.tile(texture_map.tile, (3, 3, 1))).all())
@@ -175,11 +175,11 @@ def test_images_of_other_sizes_are_refused(maps: dict[str, Any], part: str) -> N
     else:
         stored = np.ascontiguousarray(stored.transpose(1, 0, 2))
     with pytest.raises(ValueError, match="differ in size"):
-        build(
+        build_tile_map(
             built.lab,
             valid,
             built.source,
-            BuildOptions(patches=4),
+            TileOptions(patches=4),
             stored=stored,
             space="ink8",
             channels=("C", "B", "Y", "K"),

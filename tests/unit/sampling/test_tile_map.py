@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from tilefab.sampling import Patches, TextureMap
+from tilefab.sampling import Patches, TileMap
 from tilefab.sampling.texture_map import SlabArea
 
-HandMap = Callable[..., TextureMap]
+HandMap = Callable[..., TileMap]
 
 
 def int32(*values: int) -> np.ndarray:
     return np.array(values, dtype=np.int32)
 
 
-HAND_MAP_HASH = "eda9cf8aa92acbd67c2fd4aa6434a4b8943e3aae909afaaf9c91168fccecc993"
+HAND_MAP_HASH = "333bbb1921ab07a9378d6a26ef146d4bbe397153a7f8b1b4f3fed154858222be"
 RUNS = [[0, 0, 1], [0, 2, 1], [1, 0, 3], [0, 0, 2], [1, 0, 2], [2, 1, 1], [0, 0, 2]]
 
 
