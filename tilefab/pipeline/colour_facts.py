@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2
@@ -104,14 +106,12 @@ def _swatches(
 ) -> tuple[SwatchView, ...]:
     data = stone.astype(np.float64)
     starts = data[random.choice(len(data), min(_SWATCHES, len(data)), replace=False)]
-    _, label = (
-        kmeans2(data, starts, minit="matrix", iter=20, missing="warn")
-        if np.ptp(data, axis=0).any()
-        else (
-            None,
-            np.zeros(len(data), dtype=np.int64),
-        )
-    )
+    label = np.zeros(len(data), dtype=np.int64)
+    if np.ptp(data, axis=0).any():
+        with warnings.catch_warnings():
+            # A stone of few colours leaves clusters without a member: they are left out.
+            warnings.filterwarnings("ignore", message="One of the clusters is empty")
+            _, label = kmeans2(data, starts, minit="matrix", iter=20, missing="warn")
     swatches = []
     for k in np.unique(label):
         members = label == k

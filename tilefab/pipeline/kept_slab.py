@@ -78,7 +78,7 @@ def _load(path: Path, key: str, progress: Progress) -> PreparedSlab | None:
     if not path.exists():
         return None
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             facts = json.loads(file["facts"].tobytes())
             if facts["key"] != key:
                 return None

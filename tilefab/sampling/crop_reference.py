@@ -24,7 +24,7 @@ _SQUARE = 6000
 _MOST = 65535
 _WORD = 1 << 64
 _SWEEP_BIT = 59
-_BAND = 3
+_BAND = 2
 
 Cell = tuple[int, int]
 Place = tuple[int, int]
@@ -119,7 +119,7 @@ class CropReference:
                 joining = self.side[other][crop] if right < 0 else self.side[crop][other]
             elif right == 0:
                 joining = self.below[other][crop] if down < 0 else self.below[crop][other]
-            elif any(self._round_a_corner(other, a, b) == crop for a in (-1, 1) for b in (-1, 1)):
+            elif self._a_pitch_apart(other, crop):
                 joining = _SQUARE
             total += min(joining + self._overlapping(other, crop), _MOST)
         return total
@@ -131,8 +131,9 @@ class CropReference:
         row, col = self.places[crop]
         return self.crop_of.get((row + down * self.map.pitch_px, col + right * self.map.pitch_px))
 
-    def _round_a_corner(self, crop: int, down: int, right: int) -> int | None:
-        return self._going_on(self._going_on(crop, 0, right), down, 0)
+    def _a_pitch_apart(self, one: int, other: int) -> bool:
+        """Whether two crops lie a pitch apart both ways, as corners of a square of four that continue each other."""
+        return all(abs(a - b) == self.map.pitch_px for a, b in zip(self.places[one], self.places[other], strict=True))
 
     def _overlapping(self, one: int, other: int) -> int:
         """What it costs that neighbours show the same part of the slab."""

@@ -26,17 +26,20 @@ _FREE = -1
 
 
 @kernel
-def _pixel_cost(guide: GuideLevels, first: int, second: int) -> int:
-    """Cost of a seam at a pixel where crop pixel ``first`` meets ``second``; both are places in ``guide.pixels``."""
-    squared = 0
+def _pixel_cost(pixels: NDArray[np.uint8], table: NDArray[np.int64], channels: int, first: int, second: int) -> int:
+    """Cost of a seam at a pixel where crop pixel ``first`` meets ``second``; both are places in ``pixels``.
+
+    Takes the guide's parts rather than the guide: kernels count references to every array of a tuple they pass on.
+    """
+    squared = np.int64(0)
     for k in range(3):
-        difference = np.int64(guide.pixels[first + k]) - np.int64(guide.pixels[second + k])
-        squared += int(difference * difference)
-    cost: int = guide.cost[min(squared >> 2, len(guide.cost) - 1)]
-    if guide.channels == 4:
-        weight = np.int64(max(guide.pixels[first + 3], guide.pixels[second + 3]))
-        cost += int((cost * weight) >> 4)
-    return cost
+        difference = np.int64(pixels[first + k]) - np.int64(pixels[second + k])
+        squared += difference * difference
+    cost = np.int64(table[min(int(squared >> 2), len(table) - 1)])
+    if channels == 4:
+        weight = max(pixels[first + 3], pixels[second + 3])
+        cost += (cost * np.int64(weight)) >> 4
+    return int(cost)
 
 
 @kernel
@@ -128,6 +131,7 @@ def _pair_seam(
     each crop's part of the overlap; ``length`` and ``width`` its size at that level.
     """
     cost, total, low, path = room
+    pixels, table, channels = guide.pixels, guide.cost, guide.channels
     for level in range(coarsest, finest - 1, -1):
         n, m = length >> level, width >> level
         cols, begin = guide.cols[level], guide.begin[level]
@@ -145,7 +149,7 @@ def _pair_seam(
         for t in range(n):
             for k in range(band + 1):
                 shift = t * along + (low[t] + k - 1) * across
-                cost[t, k] = _pixel_cost(guide, at_first + shift, at_second + shift)
+                cost[t, k] = _pixel_cost(pixels, table, channels, at_first + shift, at_second + shift)
         _shortest_path(cost[:, : band + 1], low, n, m, _FREE, _FREE, total[:, :band], path)
 
 
@@ -218,6 +222,7 @@ def pins_into(
     length = pitch + overlap
     room = _working_room(coarsest, coarsest, length, overlap)
     places = np.empty((2, 2), dtype=np.int64)
+    pixels, table, channels = guide.pixels, guide.cost, guide.channels
     for i in range(from_line, to_line):
         for j in range(window.shape[1]):
             above, below = window[i - 1, j], window[i, j]
@@ -237,9 +242,11 @@ def pins_into(
                         for y in range(x - 1, x + 1):
                             shift = y * cols + t
                             cost += _pixel_cost(
-                                guide,
-                                begin + (at_above + shift) * guide.channels,
-                                begin + (at_below + shift) * guide.channels,
+                                pixels,
+                                table,
+                                channels,
+                                begin + (at_above + shift) * channels,
+                                begin + (at_below + shift) * channels,
                             )
                     if cost < best_cost:
                         best, best_cost = x, cost
@@ -270,6 +277,7 @@ def level_seams_into(
     """
     room = _working_room(coarsest, finest, pitch + 1, overlap)
     cost, total, low, path = room
+    pixels, table, channels = guide.pixels, guide.cost, guide.channels
     for i in range(from_line, to_line):
         for j in range(1, window.shape[1]):
             for level in range(coarsest, finest - 1, -1):
@@ -304,7 +312,7 @@ def level_seams_into(
                         at_above += right_of + (j - upper) * reach
                         at_below += right_of + (j - lower) * reach
                         cost[t, k] = _pixel_cost(
-                            guide, begin + at_above * guide.channels, begin + at_below * guide.channels
+                            pixels, table, channels, begin + at_above * channels, begin + at_below * channels
                         )
                 first = min(max(pins[i, j - 1] >> finer, 1), m - 1)
                 last = min(max(pins[i, j] >> finer, 1), m - 1)

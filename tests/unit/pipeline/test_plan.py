@@ -17,6 +17,7 @@ from tilefab.config import load_job
 from tilefab.errors import ConfigError, ImageError, ProfileError
 from tilefab.pipeline import Plan, plan_job
 from tilefab.pipeline.plan import shipped_profiles
+from tilefab.sampling import CropMap
 from tilefab.types import SizePx
 
 SHIPPED = shipped_profiles() / "demo_ceramic.icc"
@@ -310,6 +311,31 @@ OF_NOTHING = [
 
 
 @pytest.fixture
+def crop_map() -> CropMap:
+    """A map of four crops of a blank slab."""
+    place = np.array([0, 3, 6, 9], dtype=np.int32)
+    return CropMap(
+        base=np.zeros((40, 40, 3), np.uint16),
+        space="lab16",
+        channels=("L*", "a*", "b*"),
+        dpi=60.0,
+        guide=np.zeros((40, 40, 3), np.uint8),
+        guide_shift=0,
+        crop_row=place,
+        crop_col=place,
+        pitch_px=16,
+        overlap_px=8,
+        seam_levels=0,
+        side_cost=np.zeros((4, 4), np.uint16),
+        below_cost=np.zeros((4, 4), np.uint16),
+        price=np.zeros(4, np.int32),
+        ration=np.full(4, -1, np.int8),
+        candidates=4,
+        sweeps=1,
+    )
+
+
+@pytest.fixture
 def stocked(folder: Path) -> Path:
     """The same folder with all files that the changes above name."""
     write_scan(folder / "other.tif", seed=2)
@@ -343,6 +369,61 @@ def test_what_a_face_depends_on_changes_the_job(stocked: Path, change: tuple[str
 @pytest.mark.parametrize("change", OF_NOTHING)
 def test_what_decides_no_pixel_changes_no_hash(stocked: Path, change: tuple[str, str]) -> None:
     assert hashes(plan(stocked)) == hashes(plan(stocked, change))
+
+
+CROPS = ('design = "tile"\npatches = 40\nactive_per_cell = 9', "crops = 64")
+
+
+def crops_plan(folder: Path, lines: str = "crops = 64", *changes: tuple[str, str]) -> Plan:
+    return plan(folder, (CROPS[0], lines), *changes)
+
+
+@pytest.mark.parametrize("lines", ["crops = 65", "crops = 64\nration = false", "crops = 64\nfeature_mm = 5"])
+def test_what_crops_depend_on_changes_map_and_build(stocked: Path, lines: str) -> None:
+    before, after = crops_plan(stocked), crops_plan(stocked, lines)
+    assert before.slab_key == after.slab_key
+    assert before.build_key != after.build_key
+    assert before.map_key != after.map_key
+    assert before.job_hash != after.job_hash
+
+
+@pytest.mark.parametrize("lines", ["drop = [3]", "keep = [3]", "drop = [3]\nkeep = [3, 4]"])
+def test_another_choice_of_crops_is_another_map_of_the_same_build(stocked: Path, lines: str) -> None:
+    before, after = crops_plan(stocked), crops_plan(stocked, f"crops = 64\n{lines}")
+    assert before.build_key == after.build_key
+    assert before.map_key != after.map_key
+    assert before.job_hash != after.job_hash
+
+
+def test_the_order_of_a_choice_does_not_matter(stocked: Path) -> None:
+    assert crops_plan(stocked, "drop = [9, 3, 3]").map_key == crops_plan(stocked, "drop = [3, 9]").map_key
+
+
+def test_another_seed_needs_no_other_slab(stocked: Path) -> None:
+    before, after = crops_plan(stocked), crops_plan(stocked, "crops = 64", ("seed = 7", "seed = 8"))
+    assert before.slab_key == after.slab_key
+    assert before.build_key != after.build_key
+
+
+def test_weights_are_found_and_count(stocked: Path) -> None:
+    tifffile.imwrite(stocked / "weights.tif", np.full((20, 30), 9, np.uint8))
+    line = ("dpi = 60\n[texture]", 'dpi = 60\nweights = ["weights.tif"]\n[texture]')
+    made = crops_plan(stocked, "crops = 64", line)
+    assert made.scans[0].weights == (stocked / "weights.tif").resolve()
+    assert made.slab_key != crops_plan(stocked).slab_key
+    tifffile.imwrite(stocked / "weights.tif", np.full((20, 30), 10, np.uint8))
+    assert crops_plan(stocked, "crops = 64", line).slab_key != made.slab_key
+    tifffile.imwrite(stocked / "weights.tif", np.zeros((20, 29), np.uint8))
+    with pytest.raises(ImageError, match="the image of weights has 29 x 20 pixels but its scan"):
+        crops_plan(stocked, "crops = 64", line)
+    with pytest.raises(ConfigError, match="there is no file"):
+        crops_plan(stocked, "crops = 64", (line[0], line[1].replace("weights.tif", "absent.tif")))
+
+
+def test_faces_of_crops_keep_as_far_apart_as_a_crop_reaches(stocked: Path, crop_map: CropMap) -> None:
+    layout = crops_plan(stocked).layout(crop_map)
+    assert (layout.cell_rows, layout.cell_cols) == (16, 16)
+    assert layout.reach_px == crop_map.overlap_px // 2 == 4
 
 
 def test_all_these_jobs_are_different(stocked: Path) -> None:

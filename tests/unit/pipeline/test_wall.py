@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tilefab.colour import reduce_srgb
+from tilefab.pipeline.wall import box_shrink
 
 
 def test_a_factor_of_one_changes_nothing() -> None:
@@ -34,3 +35,28 @@ def test_tall_pictures_are_reduced_in_strips_without_seams() -> None:
     assert reduced.shape == (300, 2, 3)
     assert (np.diff(reduced[:, 0, 0].astype(int)) >= 0).all()
     assert np.diff(reduced[:, 0, 0].astype(int)).max() <= 2
+
+
+def test_boxes_of_whole_rows_are_means() -> None:
+    image = np.random.default_rng(2).random((24, 5, 3), dtype=np.float32)
+    expected = image[4:16].reshape(4, 3, 5, 3).mean(axis=1)
+    np.testing.assert_allclose(box_shrink(image, 4.0, 3.0, 4), expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("begin", [0.0, 0.3, 7.9])
+@pytest.mark.parametrize("step", [1.0, 1.25, 1.9999, 2.5])
+def test_boxes_across_rows_are_integrals(begin: float, step: float) -> None:
+    image = np.random.default_rng(3).random((40, 2, 1), dtype=np.float32)
+    total = np.concatenate([np.zeros((1, 2, 1)), image.astype(np.float64).cumsum(axis=0)])
+
+    def until(place: float) -> np.ndarray:
+        low = int(np.floor(place))
+        return total[low] + (place - low) * image[low].astype(np.float64)
+
+    expected = [(until(begin + (k + 1) * step) - until(begin + k * step)) / step for k in range(11)]
+    np.testing.assert_allclose(box_shrink(image, begin, step, 11), expected, rtol=1e-5)
+
+
+def test_a_flat_image_stays_flat() -> None:
+    flat = np.full((30, 3, 3), 7.0, dtype=np.float32)
+    np.testing.assert_allclose(box_shrink(flat, 1.7, 1.3, 20), 7.0, rtol=1e-6)

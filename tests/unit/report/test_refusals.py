@@ -35,9 +35,9 @@ def with_map(view: RunReportView, **changes: Any) -> RunReportView:
 def test_pictures_of_another_kind(minimal: RunReportView, image: Any) -> None:
     with pytest.raises(ReportError, match="wall_preview"):
         build_run_report(replace(minimal, wall_preview=image))
+    pictures = minimal.texture_map.pictures[0], PictureView("", "", image)
     with pytest.raises(ReportError, match=r"texture_map\.pictures\[1\]\.image"):
-        good = minimal.texture_map.pictures[0]
-        build_run_report(with_map(minimal, pictures=(good, PictureView("", "", image))))
+        build_run_report(with_map(minimal, pictures=pictures))
 
 
 @pytest.mark.parametrize(

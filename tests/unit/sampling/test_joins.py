@@ -38,7 +38,7 @@ def test_costs_are_those_of_the_seams_shown(crop_map: CropMap) -> None:
     lab = crop_map.guide[..., :3].astype(np.float64) / 2
     source = (at[:, 0] * lab.shape[1] + at[:, 1]).reshape(row.shape).astype(np.int32)
     # A slanting seam has more pairs than rows, and corners belong to three crops: near, not the same.
-    assert joins.delta_e.mean() == pytest.approx(seam_cost(source, lab).mean_delta_e, rel=0.15)
+    assert joins.delta_e.mean() == pytest.approx(seam_cost(source, lab).mean_delta_e, rel=0.25)
 
 
 def test_a_crop_joins_its_own_continuation_without_cost(crop_map: CropMap) -> None:

@@ -83,6 +83,25 @@ def test_no_two_of_many_faces_share_a_cell() -> None:
     assert len(taken) > 3500 * 4 * 4 * 0.9
 
 
+@pytest.mark.parametrize(("cell", "reach"), [((64, 80), 20), ((64, 80), 32), ((198, 268), 99), ((9, 9), 4)])
+def test_no_cell_that_reaches_beyond_itself_shows_on_two_faces(cell: tuple[int, int], reach: int) -> None:
+    layout = PlaneLayout("scatter", 5, 190, 260, 4, *cell, reach_px=reach)
+    taken: dict[tuple[int, int], int] = {}
+    pitch = [-(-(n + 2 * reach) // c) + 1 for n, c in zip((198, 268), cell, strict=True)]
+    for index in (*range(1500), 2**40 - 1, 2**20):
+        face = layout.face(index)
+        visible = Region(face.row - reach, face.col - reach, face.rows + 2 * reach, face.cols + 2 * reach)
+        slot = layout._slot(index)
+        for at in cells_of(visible, *cell):
+            assert (at[0] // pitch[0], at[1] // pitch[1]) == slot
+            assert taken.setdefault(at, index) == index
+
+
+def test_a_reach_is_not_negative() -> None:
+    with pytest.raises(ValueError, match="reach"):
+        PlaneLayout("scatter", 5, 190, 260, 4, 64, 80, reach_px=-1)
+
+
 @pytest.mark.parametrize("seed", [0, 5, 2**63 - 1])
 @pytest.mark.parametrize("first", [0, 2**40 - 2000])
 def test_successive_faces_show_well_separated_shifts(seed: int, first: int) -> None:

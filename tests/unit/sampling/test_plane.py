@@ -22,9 +22,7 @@ def pixels_of(patches: Patches, k: int, row: int, col: int) -> NDArray[np.int64]
     return np.add(np.argwhere(patches.mask(k)), np.array([row, col], dtype=np.int64))
 
 
-def paint(
-    texture_map: TileMap, row: int, col: int, rows: int, cols: int, seed: int
-) -> tuple[Any, NDArray[np.int64]]:
+def paint(texture_map: TileMap, row: int, col: int, rows: int, cols: int, seed: int) -> tuple[Any, NDArray[np.int64]]:
     """Region of the plane, painted patch by patch from the masks, and how many patches cover each pixel."""
     tile_rows, tile_cols = texture_map.tile_shape
     picture = texture_map.tile[np.ix_((row + np.arange(rows)) % tile_rows, (col + np.arange(cols)) % tile_cols)].copy()

@@ -15,8 +15,8 @@ from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
 
 from tilefab.sampling import TileMap, render, render_points
-from tilefab.sampling.tile_reference import pixel_reference, render_reference
 from tilefab.sampling.render import COORDINATE_LIMIT
+from tilefab.sampling.tile_reference import pixel_reference, render_reference
 
 FAR = 2**40
 # The function hides the module of the same name in the package.
@@ -256,9 +256,7 @@ def test_points_out_of_range_or_between_pixels_are_refused(maps: dict[str, Any],
 
 
 @pytest.mark.parametrize("side", [(40, 30), (41, 31)])
-def test_patches_that_reach_to_the_tips_of_the_rhombus(
-    hand_map: Callable[..., TileMap], side: tuple[int, int]
-) -> None:
+def test_patches_that_reach_to_the_tips_of_the_rhombus(hand_map: Callable[..., TileMap], side: tuple[int, int]) -> None:
     """One column and one row of pixels as long as the rhombus allows: the most a region has to look around itself."""
     rows, cols = side
     tall = [r for r in range(-rows, 2 * rows) if abs(2 * r + 1 - rows) + 1.5 < 2 * rows - 1]
