@@ -34,6 +34,9 @@ check: install
 bench: install
 	$(BIN)/python benchmarks/distinct_faces.py
 	$(BIN)/python benchmarks/sampler.py
+	$(BIN)/python benchmarks/sampler.py --design tile
+	$(BIN)/python benchmarks/walls.py
+	$(BIN)/python benchmarks/large_slab.py
 	$(BIN)/python benchmarks/demo_profile.py
 
 # Pages that are made from the code.

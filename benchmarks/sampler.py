@@ -74,8 +74,8 @@ def measure_crops(side: int) -> None:
         lab, np.ones((side, side), dtype=bool), options, stored=inks, space="ink8", channels=INKS, dpi=DPI
     )
     print(
-        f"slab of {side} x {side} px; map built in {time.perf_counter() - begin:.1f} s: {len(press.price)} crops, cells "
-        f"of {press.pitch_px} px, overlap {press.overlap_px} px"
+        f"slab of {side} x {side} px; map built in {time.perf_counter() - begin:.1f} s: {len(press.price)} crops, "
+        f"cells of {press.pitch_px} px, overlap {press.overlap_px} px"
     )
     copy = measure_face(press)
     measure_points(press)

@@ -143,20 +143,15 @@ def test_a_reduced_wall_looks_like_the_whole_one_reduced(workshop: Any, layout: 
     from tilefab.pipeline.wall import render_wall
 
     more = '\nlayout = "continuous"\ncolumns = 4' if layout == "continuous" else ""
-    plan = plan_job(load_job(workshop.job(("count = 8", "count = 8" + more), ("crops = 64", "feature_mm = 25"))))
+    job = workshop.job(("dpi = 60\ncount = 8", "dpi = 120\ncount = 8" + more), ("crops = 64", "feature_mm = 25"))
+    plan = plan_job(load_job(job))
     proof = proof_map(plan, job_maps(plan, Silent()).press)
     assert isinstance(proof, CropMap)
     assert proof.coarsest_level >= 1
     small = render_wall(plan, proof, 2, 4, largest_side_px=75, grout_mm=0)
-    assert small.shape == (2 * 19, 4 * 15, 3)
-    whole = np.concatenate(
-        [
-            np.concatenate(
-                [reduce_srgb(render_face(plan, proof, 4 * i + j, bleed=False), 3) for j in range(4)], axis=1
-            )
-            for i in range(2)
-        ]
-    ).astype(int)
+    assert small.shape == (2 * 18, 4 * 15, 3)
+    faces = [reduce_srgb(render_face(plan, proof, index, bleed=False), 6) for index in range(8)]
+    whole = np.concatenate([np.concatenate(faces[:4], axis=1), np.concatenate(faces[4:], axis=1)]).astype(int)
     difference = np.abs(whole - small).mean()
     assert difference < 0.5 * min(np.abs(whole - np.roll(small, 1, axis=axis)).mean() for axis in (0, 1))
 

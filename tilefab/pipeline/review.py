@@ -24,7 +24,8 @@ from tilefab.types import Array
 STAGE = "Drawing the sheet"
 HTML_SUFFIXES = (".html", ".htm")
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
-_THUMBNAIL_PX = 96
+_THUMBNAIL_PX = 72
+_MOST_THUMBNAIL_PX = 120
 _TILE_PX = 700
 _JOIN_PX = 200
 _JOIN_CELLS = 1.5
@@ -155,7 +156,7 @@ def _join_card(plan: Plan, texture: CropMap, sample: CropSample, k: int) -> Revi
 
 
 def _thumbnail(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    return _enlarged(fit_picture(rgb, 2 * _THUMBNAIL_PX), _THUMBNAIL_PX)
+    return _enlarged(fit_picture(rgb, _MOST_THUMBNAIL_PX), _THUMBNAIL_PX)
 
 
 def _enlarged(rgb: NDArray[np.uint8], side_px: int) -> NDArray[np.uint8]:

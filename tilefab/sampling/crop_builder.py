@@ -241,6 +241,7 @@ def build_crop_map(
         raise ValueError(f"costs of {len(costs.side)} crops don't fit {len(row)}")
     barred = barred_crops(len(row), options)
     follows = continuations(row.astype(np.int32), col.astype(np.int32), geometry.pitch_px)
+    costs = costs._replace(side=costs.side.copy(), below=costs.below.copy())  # a caller's may be read-only
     for table, direction in ((costs.side, 0), (costs.below, 2)):
         continued = np.flatnonzero(follows[:, direction] >= 0)
         table[continued, follows[continued, direction]] = CONTINUING_COST
