@@ -38,6 +38,7 @@ RUNS = 5
 FACE_PX = 9449  # 600 mm at 400 dpi
 INKS = ("Cyan", "Magenta", "Yellow", "Black")
 POINTS = 1_000_000
+LONELY_POINTS = 1000
 WALL_MM = (10_000, 3_000)
 DPI = 400
 FACES_OF_GROWTH = (1, 10, 100, 1000)
@@ -110,12 +111,12 @@ def measure_face(press: CropMap) -> float:
 def measure_points(press: TextureMap) -> None:
     """A million random points, over larger and larger parts of the plane."""
     random = np.random.default_rng(1)
-    for side in (FACE_PX, 10 * FACE_PX, 100 * FACE_PX):
-        rows, cols = random.integers(0, side, (2, POINTS))
+    for points, side in ((POINTS, FACE_PX), (POINTS, 10 * FACE_PX), (LONELY_POINTS, 1 << 40)):
+        rows, cols = random.integers(0, side, (2, points))
         begin = time.perf_counter()
         render_points(press, rows, cols, seed=1)
-        each = (time.perf_counter() - begin) / POINTS
-        print(f"random points, {POINTS:,} over {side:,} x {side:,} px: {each * 1e6:.2f} microseconds each")
+        each = (time.perf_counter() - begin) / points
+        print(f"random points, {points:,} over {side:,} x {side:,} px: {each * 1e6:.2f} microseconds each")
 
 
 def measure_wall(press: CropMap) -> None:
