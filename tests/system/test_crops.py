@@ -14,6 +14,7 @@ import tifffile
 from PIL import Image
 
 from tilefab.io import load_texture_map
+from tilefab.pipeline.run_report import job_warnings
 from tilefab.sampling import CropMap, TileMap, render
 from tilefab.sampling.crop_plan import plan_region
 
@@ -58,12 +59,19 @@ def test_only_kept_crops_are_shown(workshop: Any) -> None:
     assert shown(texture) == set(keep) - {9}
 
 
-def test_dropping_what_isn_t_there_is_told_after_an_earlier_build_too(workshop: Any) -> None:
-    build(workshop)
+def test_dropping_what_isn_t_there_is_told_before_any_work(workshop: Any) -> None:
     done = workshop.cli("map", "build", workshop.job(("crops = 64", "crops = 64\ndrop = [64]")))
-    assert done.code == 6
+    assert done.code == 3
     assert "there is no crop 64" in done.errors[0]
-    assert "tilefab map review" in done.errors[0]
+
+
+def test_crops_that_show_little_of_the_stone_are_told(workshop: Any) -> None:
+    texture, _, _ = build(workshop, ("crops = 64", "crops = 64\nkeep = [3]"))
+    warnings = " ".join(job_warnings(texture))
+    assert "1 different crops only" in warnings
+    assert "of the usable stone: the rest is never printed" in warnings
+    texture, _, _ = build(workshop)
+    assert "different crops only" not in " ".join(job_warnings(texture))
 
 
 def interrupted(*_: Any, **__: Any) -> None:

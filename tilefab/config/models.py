@@ -143,6 +143,12 @@ class Texture(Section):
                 f'{key}: means something with design = "{other}" only, this job has "{self.design}"; remove it, or '
                 f'write design = "{other}"'
             )
+        for key in ("drop", "keep"):
+            for number in getattr(self, key):
+                if number >= self.crops:
+                    raise ValueError(f"{key}: there is no crop {number}; the job has crops 0 to {self.crops - 1}")
+        if self.keep and set(self.keep) <= set(self.drop):
+            raise ValueError("keep: every crop in it is in drop as well, so none is left to show")
         return self
 
 

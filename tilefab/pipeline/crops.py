@@ -20,7 +20,7 @@ from tilefab.sampling import CropMap, CropOptions, Feature, build_crop_map
 from tilefab.sampling.candidates import largest_valid_square
 from tilefab.sampling.crop_builder import barred_crops, crop_geometry
 from tilefab.sampling.crop_map import BARRED
-from tilefab.sampling.crop_prices import fair_prices
+from tilefab.sampling.crop_prices import crop_usage, fair_prices
 from tilefab.texture.distinctive import distinctive_places
 from tilefab.types import Mask
 
@@ -32,6 +32,10 @@ _RATIONED_SHARE = 0.4
 _FEATURE_PER_PITCH = 0.6
 _FLAT_DELTA_E = 1.0
 _FEW_CROPS = 48
+_SMALL_PITCH_PX = 16
+_LITTLE_SHOWN = 0.5
+_NONE_SHOWN = 0.5
+_USE_GRID_PX = 1024
 
 
 def build_crops(
@@ -68,11 +72,6 @@ def build_crops(
     except ValueError as error:
         raise _no_crops(plan, error) from error
     progress.stage(STAGE_CROPS, 1.0)
-    if len(built.crop_row) < min(_FEW_CROPS, texture.crops):
-        warnings.append(
-            f"Only {len(built.crop_row)} different crops fit on the stone: they will be seen to recur. Scan more of "
-            "it, or make feature_mm smaller"
-        )
     facts = {
         "build_key": plan.build_key,
         "crops_wanted": str(texture.crops),
@@ -83,6 +82,28 @@ def build_crops(
         "warnings": json.dumps(warnings, ensure_ascii=False),
     }
     return replace(built, provenance={**facts, **_choice_facts(plan)})
+
+
+def crop_warnings(crop_map: CropMap) -> tuple[str, ...]:
+    """What is wrong with the crops that a map may show, however it came by them."""
+    warnings = []
+    shown = crop_map.price < BARRED
+    if np.count_nonzero(shown) < _FEW_CROPS:
+        warnings.append(
+            f"Faces are made of {np.count_nonzero(shown)} different crops only: they will be seen to recur. Scan more "
+            "of the stone, drop fewer crops, or make feature_mm smaller"
+        )
+    if crop_map.pitch_px < _SMALL_PITCH_PX:
+        warnings.append(
+            f"Crops are only {crop_map.pitch_px} pixels apart: faces will look like noise. Scan more of the stone, "
+            "make feature_mm larger, or mask larger pieces instead of scattered specks: no crop may hold a masked pixel"
+        )
+    factor = max(1, max(crop_map.base.shape[:2]) // _USE_GRID_PX)
+    reached = np.count_nonzero(crop_usage(crop_map, shown.astype(np.int64), factor) > _NONE_SHOWN) * factor**2
+    usable = int(crop_map.provenance.get("usable_px", "0"))
+    if reached < _LITTLE_SHOWN * usable:
+        warnings.append(f"The crops show {100 * reached / usable:.0f} % of the usable stone: the rest is never printed")
+    return tuple(warnings)
 
 
 def rebuilt_crops(plan: Plan, folder: Path, progress: Progress) -> CropMap | None:

@@ -19,7 +19,7 @@ from tilefab.sampling import FORMAT_VERSION, CropMap, PlaneLayout, TextureMap
 from tilefab.types import SizeMm, SizePx
 from tilefab.units import px_from_mm, size_px_from_mm
 
-PREPARATION_VERSION = 2
+PREPARATION_VERSION = 3
 """Raised whenever the same scans and settings would be prepared into another map."""
 
 CONVERSION_VERSION = 1

@@ -12,6 +12,7 @@ from tilefab.errors import OutputError
 from tilefab.io.atomic import atomic_write_bytes
 from tilefab.io.manifest import FaceRecord, Manifest
 from tilefab.pipeline.colour_facts import colour_facts
+from tilefab.pipeline.crops import crop_warnings
 from tilefab.pipeline.faces import check_target, face_code, render_face
 from tilefab.pipeline.map_view import fit_picture, map_view
 from tilefab.pipeline.maps import JobMaps, job_maps, proof_map
@@ -25,7 +26,7 @@ from tilefab.report import (
     build_run_report,
     contact_faces,
 )
-from tilefab.sampling import TextureMap, TileMap
+from tilefab.sampling import CropMap, TextureMap, TileMap
 
 STAGE = "Drawing the report"
 _WALL_PX = 1400
@@ -169,6 +170,8 @@ def job_warnings(texture: TextureMap, colour: ColourView | None = None) -> tuple
             f"Only {patches} of {wanted} interchangeable patches could be cut: the pattern of the tile will recur. "
             "Scan more of the stone, or use a larger map"
         )
+    if isinstance(texture, CropMap):
+        warnings += crop_warnings(texture)
     if colour is not None:
         if colour.out_of_gamut_share > _OUT_OF_GAMUT_WARNING:
             warnings.append(

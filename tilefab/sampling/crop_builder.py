@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilefab.sampling.candidates import largest_valid_square
-from tilefab.sampling.crop_map import BARRED, CONTINUING_COST, RATION_PERIOD, CropMap, continuations, halved
+from tilefab.sampling.crop_map import BARRED, CONTINUING_COST, RATION_PERIOD, CropMap, continuations, halved_guide
 from tilefab.sampling.crop_prices import fair_prices
 from tilefab.sampling.crop_tables import JoiningCosts, joining_costs
 from tilefab.sampling.texture_map import SlabArea
@@ -226,7 +226,7 @@ def build_crop_map(
         while geometry.pitch_px >> (geometry.guide_shift + table_level + 1) >= _SMALLEST_TABLE_PITCH_PX and (
             table_level < geometry.seam_levels
         ):
-            level, table_level = halved(level), table_level + 1
+            level, table_level = halved_guide(level), table_level + 1
         shift = geometry.guide_shift + table_level
         costs = joining_costs(
             level,
@@ -339,6 +339,7 @@ def spread_places(
         return at[:, 0] * quantum, at[:, 1] * quantum
     pitch = geometry.pitch_px // quantum
     found: dict[tuple[int, int], None] = {}
+    everywhere = np.argwhere(fits)
     for number in range(_PHASES_PER_CROP * crops):
         row, col = (
             _phase((0.5 + step * number) % 1, places, pitch)
@@ -348,6 +349,9 @@ def spread_places(
             found[row + int(r) * pitch, col + int(c) * pitch] = None
         if len(found) >= crops:
             break
+    # Places few and far between, as of a slab that repeats itself, may lie at phases that weren't drawn.
+    for r, c in everywhere[_spread_order(len(everywhere))] if len(found) < crops else ():
+        found[int(r), int(c)] = None
     at = np.array(list(found)[:crops], dtype=np.int64)
     return at[:, 0] * quantum, at[:, 1] * quantum
 

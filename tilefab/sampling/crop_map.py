@@ -235,7 +235,7 @@ class CropMap(TextureMap):
         """The guide at every scale that seams are searched at."""
         levels = [np.ascontiguousarray(self.guide)]
         for _ in range(self.seam_levels):
-            levels.append(halved(levels[-1]))
+            levels.append(halved_guide(levels[-1]))
         sizes = np.array([level.size for level in levels], dtype=np.int64)
         return GuideLevels(
             np.concatenate([level.ravel() for level in levels]),
@@ -293,6 +293,18 @@ def seam_cost_table() -> NDArray[np.int64]:
     """
     squared = np.arange(_COLOUR_COSTS, dtype=np.float64)
     return 1 + np.rint(_COST_STEPS * squared**0.75).astype(np.int64)
+
+
+def halved_guide(guide: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The guide at half the size: means of 2 x 2 pixels, but of weights the largest: what must not be cut stays so."""
+    half = halved(guide)
+    if guide.shape[2] == 4:
+        rows, cols = half.shape[:2]
+        weights = [guide[r : r + 2 * rows : 2, c : c + 2 * cols : 2, 3] for r in (0, 1) for c in (0, 1)]
+        for part in weights:
+            if part.shape == (rows, cols):
+                np.maximum(half[..., 3], part, out=half[..., 3])
+    return half
 
 
 def halved(image: Array) -> Array:

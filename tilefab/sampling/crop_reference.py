@@ -277,13 +277,16 @@ def _halved_guide(guide: list[list[list[int]]]) -> list[list[list[int]]]:
     return [
         [
             [
-                (a + b + c + d + 2) >> 2
-                for a, b, c, d in zip(
-                    guide[2 * r][2 * s],
-                    guide[2 * r][2 * s + 1],
-                    guide[2 * r + 1][2 * s],
-                    guide[2 * r + 1][2 * s + 1],
-                    strict=True,
+                # Of colours the mean, of weights (channel 3) the largest.
+                (sum(values) + 2) >> 2 if channel < 3 else max(values)
+                for channel, values in enumerate(
+                    zip(
+                        guide[2 * r][2 * s],
+                        guide[2 * r][2 * s + 1],
+                        guide[2 * r + 1][2 * s],
+                        guide[2 * r + 1][2 * s + 1],
+                        strict=True,
+                    )
                 )
             ]
             for s in range(len(guide[0]) // 2)

@@ -205,6 +205,8 @@ def render_reduced(
     ValueError
         If a coordinate, the level, the seed or ``threads`` is unusable.
     """
+    if not isinstance(texture_map, CropMap):
+        raise TypeError(f"a {type(texture_map).__name__} has no reduced levels; render it and reduce the picture")
     if level < 0:
         raise ValueError(f"level {level} is negative")
     own = min(level, texture_map.coarsest_level)

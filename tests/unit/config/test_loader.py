@@ -170,7 +170,18 @@ def test_every_setting_of_crops_arrives(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "line", ["crops = 15", "crops = 4097", "drop = [-1]", "keep = [1.5]", 'drop = "3"', 'ration = "no"']
+    "line",
+    [
+        "crops = 15",
+        "crops = 4097",
+        "drop = [1024]",
+        "keep = [2, 16]\ncrops = 16",
+        "keep = [3, 4]\ndrop = [4, 9, 3]",
+        "drop = [-1]",
+        "keep = [1.5]",
+        'drop = "3"',
+        'ration = "no"',
+    ],
 )
 def test_settings_of_crops_have_limits(tmp_path: Path, line: str) -> None:
     problem = only(tmp_path, with_texture(line))

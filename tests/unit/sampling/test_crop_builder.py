@@ -17,7 +17,7 @@ from tilefab.rng import stream_key
 from tilefab.sampling import CropMap, CropOptions, Feature, SlabArea, build_crop_map, render
 from tilefab.sampling.crop_builder import barred_crops, crop_geometry, guide_image, rations, spread_places
 from tilefab.sampling.crop_choice import choose_crops
-from tilefab.sampling.crop_map import BARRED
+from tilefab.sampling.crop_map import BARRED, halved_guide
 from tilefab.sampling.crop_prices import crop_usage
 from tilefab.sampling.crop_tables import JoiningCosts
 from tilefab.texture.repetition import gather_cells, lattice_ghost, static_share, usage
@@ -392,3 +392,24 @@ def test_weights_are_kept_in_the_guide(lab: NDArray[np.float32]) -> None:
     crop_map = build(lab[:100, :100], CropOptions(crops=30, candidates=20, threads=1), weights=weights)
     assert crop_map.guide.shape[2] == 4
     assert crop_map.guide[25, 60, 3] == 255
+
+
+@pytest.mark.parametrize(("side", "times", "crops"), [(40, 7, 16), (64, 6, 16), (40, 7, 2)])
+def test_a_slab_that_repeats_itself_gives_as_many_crops_as_asked_for(side: int, times: int, crops: int) -> None:
+    noise = np.random.default_rng(2).normal(50, 15, (side, side)).astype(np.float32)
+    lightness = np.tile(noise, (times, times))
+    lab = np.stack([lightness, 0 * lightness, 0 * lightness], axis=2)
+    built = build(lab, CropOptions(crops=crops, candidates=crops, threads=1))
+    assert len(set(zip(built.crop_row.tolist(), built.crop_col.tolist(), strict=True))) == crops
+    # All of one phase: what lies under any two crops is the same stone, so that their joins can't be seen.
+    assert len(set((built.crop_row % side).tolist())) == len(set((built.crop_col % side).tolist())) == 1
+
+
+def test_weights_keep_their_strength_when_the_guide_is_halved() -> None:
+    guide = np.zeros((6, 9, 4), dtype=np.uint8)
+    guide[3, 4] = (100, 60, 20, 255)
+    half = halved_guide(guide)
+    assert half.shape == (3, 4, 4)
+    assert half[1, 2].tolist() == [25, 15, 5, 255]
+    assert half[..., 3].sum() == 255
+    assert_array_equal(halved_guide(guide[..., :3]), half[..., :3])
