@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from tilefab.jit import kernel
 from tilefab.rng import stream_key
 from tilefab.sampling.crop_choice import choose_crops
+from tilefab.sampling.crop_kernels import render_plan_points_into
 from tilefab.sampling.crop_map import CropMap
 from tilefab.sampling.crop_seams import level_seams_into, pins_into, upright_seams_into
+from tilefab.types import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +131,39 @@ def plan_region(
         turn_begin,
         turns,
         starts_above,
+    )
+
+
+def plan_points_into(
+    base: Array,
+    crop_map: CropMap,
+    plan: CropPlan,
+    rows: NDArray[np.int64],
+    cols: NDArray[np.int64],
+    which: NDArray[np.int64],
+    out: Array,
+) -> None:
+    """Copy from ``base``, an image of the plan's level, what points of a planned region show.
+
+    ``out[k]`` becomes the pixel at (rows[k], cols[k]) for every k in ``which``.
+    """
+    render_plan_points_into(
+        base,
+        plan.level,
+        crop_map.crop_row,
+        crop_map.crop_col,
+        crop_map.pitch_px >> plan.level,
+        crop_map.overlap_px >> plan.level,
+        plan.first_row,
+        plan.first_col,
+        plan.crops,
+        plan.upright,
+        plan.across,
+        plan.seam_shift,
+        rows,
+        cols,
+        which,
+        out,
     )
 
 

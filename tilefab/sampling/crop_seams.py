@@ -117,8 +117,6 @@ def _pair_seam(
     guide: GuideLevels,
     coarsest: int,
     finest: int,
-    first: int,
-    second: int,
     places: NDArray[np.int64],
     length: int,
     width: int,
@@ -127,8 +125,8 @@ def _pair_seam(
 ) -> None:
     """Free seam between the overlaps of two crops, left in the last array of ``room``.
 
-    ``places[first]`` and ``places[second]`` hold row and column, at the guide's own level, of the top left pixel of
-    each crop's part of the overlap; ``length`` and ``width`` its size at that level.
+    ``places`` (2, 2) holds row and column, at the guide's own level, of the top left pixel of each crop's part of the
+    overlap; ``length`` and ``width`` its size at that level.
     """
     cost, total, low, path = room
     pixels, table, channels = guide.pixels, guide.cost, guide.channels
@@ -137,8 +135,8 @@ def _pair_seam(
         cols, begin = guide.cols[level], guide.begin[level]
         along = (cols if upright else 1) * guide.channels
         across = (1 if upright else cols) * guide.channels
-        at_first = begin + ((places[first, 0] >> level) * cols + (places[first, 1] >> level)) * guide.channels
-        at_second = begin + ((places[second, 0] >> level) * cols + (places[second, 1] >> level)) * guide.channels
+        at_first = begin + ((places[0, 0] >> level) * cols + (places[0, 1] >> level)) * guide.channels
+        at_second = begin + ((places[1, 0] >> level) * cols + (places[1, 1] >> level)) * guide.channels
         band = min(2 * _BAND_PX + 1, m - 1)
         if level == coarsest:
             band = m - 1
@@ -195,7 +193,7 @@ def upright_seams_into(
             left, right = window[i, j - 1], window[i, j]
             places[0, 0], places[0, 1] = crop_row[left], crop_col[left] + pitch
             places[1, 0], places[1, 1] = crop_row[right], crop_col[right]
-            _pair_seam(guide, coarsest, finest, 0, 1, places, length, overlap, True, room)
+            _pair_seam(guide, coarsest, finest, places, length, overlap, True, room)
             for t in range(length >> finest):
                 seams[i, j, t] = room[3][t]
 
@@ -228,7 +226,7 @@ def pins_into(
             above, below = window[i - 1, j], window[i, j]
             places[0, 0], places[0, 1] = crop_row[above] + pitch, crop_col[above]
             places[1, 0], places[1, 1] = crop_row[below], crop_col[below]
-            _pair_seam(guide, coarsest, coarsest, 0, 1, places, length, overlap, False, room)
+            _pair_seam(guide, coarsest, coarsest, places, length, overlap, False, room)
             pin = room[3][(length >> coarsest) // 2]
             for level in range(coarsest - 1, finest - 1, -1):
                 cols, begin = guide.cols[level], guide.begin[level]

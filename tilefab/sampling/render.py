@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tilefab.rng import stream_key
-from tilefab.sampling.crop_kernels import render_plan_points_into, render_plan_rows_into
+from tilefab.sampling.crop_kernels import render_plan_rows_into
 from tilefab.sampling.crop_map import CropMap
-from tilefab.sampling.crop_plan import CropPlan, plan_region
+from tilefab.sampling.crop_plan import CropPlan, plan_points_into, plan_region
 from tilefab.sampling.texture_map import TextureMap
 from tilefab.sampling.tile_kernels import render_points_into, render_rows_into
 from tilefab.sampling.tile_map import TileMap
@@ -299,24 +299,7 @@ def _render_crop_points(
         top, left = int(rows[which].min()), int(cols[which].min())
         bottom, right = int(rows[which].max()) + 1, int(cols[which].max()) + 1
         plan = plan_region(crop_map, top, left, bottom - top, right - left, seed=seed)
-        render_plan_points_into(
-            crop_map.base,
-            0,
-            crop_map.crop_row,
-            crop_map.crop_col,
-            crop_map.pitch_px,
-            crop_map.overlap_px,
-            plan.first_row,
-            plan.first_col,
-            plan.crops,
-            plan.upright,
-            plan.across,
-            plan.seam_shift,
-            rows,
-            cols,
-            which,
-            out,
-        )
+        plan_points_into(crop_map.base, crop_map, plan, rows, cols, which, out)
 
 
 def _in_strips(out: Array, workers: int, strip: Callable[[int, int], None]) -> None:

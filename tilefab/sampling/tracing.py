@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilefab.rng import stream_key
-from tilefab.sampling.crop_kernels import render_plan_points_into
 from tilefab.sampling.crop_map import CropMap
-from tilefab.sampling.crop_plan import CropPlan, plan_region
+from tilefab.sampling.crop_plan import CropPlan, plan_points_into, plan_region
 from tilefab.sampling.texture_map import SlabArea, TextureMap
 from tilefab.sampling.tile_kernels import render_points_into
 from tilefab.sampling.tile_map import TileMap
@@ -63,24 +62,7 @@ def trace_plan_points(
     shape = (max(crop_map.base.shape[0] >> plan.level, 1), max(crop_map.base.shape[1] >> plan.level, 1))
     for axis, base in enumerate(_numbers(shape)):
         out = np.empty((len(rows), 1), dtype=np.int64)
-        render_plan_points_into(
-            base,
-            plan.level,
-            crop_map.crop_row,
-            crop_map.crop_col,
-            crop_map.pitch_px >> plan.level,
-            crop_map.overlap_px >> plan.level,
-            plan.first_row,
-            plan.first_col,
-            plan.crops,
-            plan.upright,
-            plan.across,
-            plan.seam_shift,
-            rows,
-            cols,
-            which,
-            out,
-        )
+        plan_points_into(base, crop_map, plan, rows, cols, which, out)
         at[:, axis] = out[:, 0]
     return at
 
