@@ -56,7 +56,7 @@ class Matrix:
 
     def __call__(self, values: Float64Array) -> Float64Array:
         """Values (M, I) to (M, O)."""
-        return values @ self.matrix.T + self.offset
+        return np.asarray(values @ self.matrix.T + self.offset, dtype=np.float64)
 
 
 @dataclass(frozen=True)
