@@ -90,7 +90,7 @@ class Grid:
             out += (upper - lower)[:, np.newaxis] * flat[node]
             node = node + strides[axis]
             upper = lower
-        return out + upper[:, np.newaxis] * flat[node]
+        return np.asarray(out + upper[:, np.newaxis] * flat[node], dtype=np.float64)
 
 
 Stage: TypeAlias = Curves | Matrix | Grid
