@@ -119,3 +119,119 @@ def _settle(_typing: Any) -> Any:
 
 settle: Callable[[], None] = cast(Any, intrinsic(_settle))
 """``settle()``, within kernels only: everything written by `stream_elements` is in memory for all to see."""
+
+
+FRACTION_BITS = {16: 16, 32: 23}
+"""For the bits of a node: as many bits of a fraction, 1 included; the rest of a 32-bit position is the cell."""
+
+FINISH_SHIFTS = {(16, 8): 24, (16, 16): 16, (32, 16): 38, (32, 32): 23}
+"""For the bits of a node and of a result: how far a weighted sum of nodes is shifted down."""
+
+
+def _sorting_network(count: int) -> list[tuple[int, int]]:
+    # Batcher's odd-even merge sort (Knuth, The Art of Computer Programming 3, algorithm 5.2.2M), without branches.
+    pairs = []
+    run = 1
+    while run < count:
+        step = run
+        while step >= 1:
+            for first in range(step % run, count - step, 2 * step):
+                pairs += [
+                    (place, place + step)
+                    for place in range(first, first + min(step, count - first - step))
+                    if place // (2 * run) == (place + step) // (2 * run)
+                ]
+            step //= 2
+        run *= 2
+    return pairs
+
+
+def _blend_simplex(
+    _typing: Any, image: Any, at: Any, positions: Any, strides: Any, nodes: Any, lanes: Any, out: Any, to: Any
+) -> Any:
+    signature = types.void(image, at, positions, strides, nodes, lanes, out, to)
+    inputs, width = strides.count, lanes.count
+    real = isinstance(nodes.dtype, types.Float)
+    fraction_bits = FRACTION_BITS[nodes.dtype.bitwidth]
+    node_bits, count_bits, out_bits = nodes.dtype.bitwidth, image.dtype.bitwidth, out.dtype.bitwidth
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        word, long = ir.IntType(32), ir.IntType(64)
+        image_data, position_data, node_data, out_data = (
+            context.make_array(signature.args[place])(context, builder, arguments[place]).data for place in (0, 2, 4, 6)
+        )
+        lane = ir.FloatType() if real else ir.IntType(2 * node_bits)
+        vector = ir.VectorType(lane, width)
+
+        def number(value: int) -> Any:
+            return ir.Constant(long, value)
+
+        def everywhere(value: Any) -> Any:
+            one = builder.insert_element(ir.Constant(vector, ir.Undefined), value, ir.Constant(word, 0))
+            first = ir.Constant(ir.VectorType(word, width), [0] * width)
+            return builder.shuffle_vector(one, ir.Constant(vector, ir.Undefined), first)
+
+        def nodes_at(place: Any) -> Any:
+            stored = ir.VectorType(ir.FloatType() if real else ir.IntType(node_bits), width)
+            address = builder.bitcast(builder.gep(node_data, [place]), stored.as_pointer())
+            loaded = builder.load(address, align=node_bits // 8)
+            return loaded if real else builder.zext(loaded, vector)
+
+        def weighted(weight: Any, place: Any) -> Any:
+            if real:
+                scale = ir.Constant(ir.FloatType(), 0.5**fraction_bits)
+                return builder.fmul(everywhere(builder.fmul(builder.uitofp(weight, lane), scale)), nodes_at(place))
+            factor = weight if lane.width == 64 else builder.trunc(weight, lane)
+            return builder.mul(everywhere(factor), nodes_at(place))
+
+        # Fraction above, stride below: sorting one number sorts both. Equal fractions share no weight in between.
+        keys, place = [], number(0)
+        for channel in range(inputs):
+            count = builder.load(builder.gep(image_data, [builder.add(arguments[1], number(channel))]))
+            if count_bits < 32:
+                row = number(channel << count_bits)
+                count = builder.load(builder.gep(position_data, [builder.add(builder.zext(count, long), row)]))
+            position = builder.zext(count, long)
+            stride = builder.extract_value(arguments[3], channel)
+            cell = builder.lshr(position, number(fraction_bits + 1))
+            place = builder.add(place, builder.mul(cell, stride))
+            fraction = builder.and_(position, number((2 << fraction_bits) - 1))
+            keys.append(builder.or_(builder.shl(fraction, number(32)), stride))
+        for high, low in _sorting_network(inputs):
+            ordered = builder.icmp_unsigned(">", keys[high], keys[low])
+            keys[high], keys[low] = (
+                builder.select(ordered, keys[high], keys[low]),
+                builder.select(ordered, keys[low], keys[high]),
+            )
+        upper = number(1 << fraction_bits)
+        total: Any = ir.Constant(vector, [0.0 if real else 0] * width)
+        for key in keys:
+            lower = builder.lshr(key, number(32))
+            total = (builder.fadd if real else builder.add)(total, weighted(builder.sub(upper, lower), place))
+            place = builder.add(place, builder.and_(key, number(0xFFFFFFFF)))
+            upper = lower
+        total = (builder.fadd if real else builder.add)(total, weighted(upper, place))
+        if not real:
+            shift = FINISH_SHIFTS[node_bits, out_bits]
+            half = ir.Constant(vector, [1 << (shift - 1)] * width)
+            total = builder.lshr(builder.add(total, half), ir.Constant(vector, [shift] * width))
+            total = builder.trunc(total, ir.VectorType(ir.IntType(out_bits), width))
+        address = builder.bitcast(builder.gep(out_data, [arguments[7]]), total.type.as_pointer())
+        builder.store(total, address, align=out_bits // 8)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+blend_simplex: Callable[
+    [NDArray[Any], int, NDArray[Any], tuple[int, ...], NDArray[Any], tuple[int, ...], NDArray[Any], int], None
+] = cast(Any, intrinsic(_blend_simplex))
+"""``blend_simplex(image, at, positions, strides, nodes, lanes, out, to)``, within kernels only: a pixel through a grid.
+
+Flat arrays; ``strides``, a tuple of int64, one for each channel, and ``lanes``, a tuple of as many numbers as results
+are computed side by side, tell their lengths to the compiler, which unrolls everything. ``positions`` has a row for
+each channel with the position of every count: the cell shifted up by `FRACTION_BITS` + 1, and the fraction; an image of
+uint32 holds positions itself. Nodes are uint16 (results uint8 or uint16), uint32 (uint16 or uint32) or float32
+(float32); integers are rounded after the shift of `FINISH_SHIFTS`. All lanes are stored, from ``out[to]`` on. Nothing
+is checked: the caller answers for bounds and for sums that fit.
+"""

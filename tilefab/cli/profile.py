@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from tilefab.cli.profile_chart import chart, read
 from tilefab.pipeline.profiling import ProfileReport, build_profile
 
 app = typer.Typer(help="Press profiles: build one from a measured chart.", no_args_is_help=True)
@@ -20,6 +21,10 @@ app = typer.Typer(help="Press profiles: build one from a measured chart.", no_ar
 @app.callback()
 def profile() -> None:
     """Press profiles: build one from a measured chart."""
+
+
+app.command("chart")(chart)
+app.command("read")(read)
 
 
 @app.command()

@@ -34,9 +34,9 @@ class ForwardTable:
     Attributes
     ----------
     curves
-        (N, 256) curve of each ink, 0 to 1.
+        (N, E) curve of each ink, 0 to 1: values at E even steps, 2 to 4096.
     grid
-        (G, ..., G, 3) relative Lab, one axis for each ink.
+        (G, ..., G, 3) relative Lab, one axis for each of 1 to 8 inks.
     """
 
     curves: Float64Array = field(repr=False)
@@ -50,9 +50,10 @@ class BackwardTables:
     Attributes
     ----------
     curves
-        (3, 256) curves of L*, a*, b* as ICC version 2 encodes them in 16 bits, 0 to 1.
-    perceptual, relative
-        (G, G, G, N) ink fractions; axes L*, a*, b*.
+        (3, E) curves of L*, a*, b* as ICC version 2 encodes them in 16 bits, 0 to 1: values at E even steps, 2 to
+        4096. All tables share them.
+    perceptual, relative, saturation
+        (G, G, G, N) ink fractions of each rendering intent; axes L*, a*, b*.
     gamut
         (G, G, G): 0 where the press makes the colour, up to 1 with its distance where not.
     """
@@ -60,6 +61,7 @@ class BackwardTables:
     curves: Float64Array = field(repr=False)
     perceptual: Float64Array = field(repr=False)
     relative: Float64Array = field(repr=False)
+    saturation: Float64Array = field(repr=False)
     gamut: Float64Array = field(repr=False)
 
 
@@ -164,4 +166,5 @@ def build_backward(separator: Separator, grid: int) -> BackwardTables:
         table[table < _NO_INK] = 0.0
         table[is_white] = 0.0
     inks = (*shape, model.inks)
-    return BackwardTables(curves, perceptual.reshape(inks), relative.reshape(inks), gamut.reshape(shape))
+    pleasing = perceptual.reshape(inks)
+    return BackwardTables(curves, pleasing, relative.reshape(inks), pleasing, gamut.reshape(shape))

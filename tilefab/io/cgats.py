@@ -1,16 +1,14 @@
 """Measurement files: CGATS and .ti3 text with ink percentages and measured colours.
 
 The reader takes what instruments and profilers write (tabs or blanks, any column order, quoted identifiers,
-comments, Windows line ends, a second table after the first) and refuses, with the line's number, what it
-can't be sure of.
+comments, Windows line ends, a second table after the first; Lab, XYZ or spectra) and refuses, with the line's
+number, what it can't be sure of.
 """
 
 from __future__ import annotations
 
 import datetime
-import math
 import re
-import shlex
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,14 +16,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilefab.colour.spaces import lab_from_xyz
+from tilefab.colour.spectra import MUST_REACH_NM, xyz_from_reflectance
 from tilefab.errors import ProfileError
+from tilefab.io.cgats_columns import (
+    CMYK_COLUMNS,
+    LAB_COLUMNS,
+    XYZ_COLUMNS,
+    band_columns,
+    ink_columns,
+    letter_names,
+)
+from tilefab.io.cgats_tables import Table, check_table, column_list, numbers, read_tables, read_text, refuse
 
-_MAX_BYTES = 64 * 1024 * 1024
 _INK_SLACK_PERCENT = 0.5
-_CMYK_COLUMNS = ("CMYK_C", "CMYK_M", "CMYK_Y", "CMYK_K")
-_LAB_COLUMNS = ("LAB_L", "LAB_A", "LAB_B")
-_XYZ_COLUMNS = ("XYZ_X", "XYZ_Y", "XYZ_Z")
+_FEWEST_BANDS = 8
+_MOST_REFLECTANCE = 1.6
+_PERCENT_ABOVE = 2.5
 _CREATED_FORMATS = ("%Y-%m-%d", "%Y-%m-%dT%H:%M:%S", "%a %b %d %H:%M:%S %Y", "%d %B %Y", "%B %Y", "%B %d, %Y")
+_CREATED_LENGTH = 100
 
 
 @dataclass(frozen=True)
@@ -46,6 +54,12 @@ class Measurements:
         The file's whole text, as read.
     created
         The day on which the file says that it was made; None where it says none that can be understood.
+    reflectance
+        (P, B) float64 reflectance, 1 = perfect reflector; None where none was measured.
+    wavelengths_nm
+        (B,) float64 centres of its bands, increasing; None where there are none.
+    sample_ids
+        P names of the patches, as the file has them; empty where it has none.
     """
 
     ink_frac: NDArray[np.float64] = field(repr=False)
@@ -54,160 +68,144 @@ class Measurements:
     description: str
     text: str = field(repr=False)
     created: datetime.date | None = None
+    reflectance: NDArray[np.float64] | None = field(default=None, repr=False)
+    wavelengths_nm: NDArray[np.float64] | None = field(default=None, repr=False)
+    sample_ids: tuple[str, ...] = field(default=(), repr=False)
 
 
-@dataclass
-class _Table:
-    """One table of the file while it is read."""
+@dataclass(frozen=True)
+class Readings:
+    """Colours of an instrument's file, which may not know what was printed.
 
-    keywords: dict[str, str] = field(default_factory=dict)
-    columns: list[str] = field(default_factory=list)
-    format_line: int = 0
-    sets: int | None = None
-    rows: list[tuple[int, list[str]]] = field(default_factory=list)
+    Attributes
+    ----------
+    lab_d50
+        (P, 3) float64 absolute Lab under D50, 2 degree observer.
+    reflectance, wavelengths_nm
+        As in `Measurements`.
+    ink_frac
+        (P, N) float64 ink fractions; None where the file has no ink columns.
+    sample_ids, locations
+        P names and places of the patches; empty where the file has none.
+    """
 
-
-def _tokens(line: str, number: int, name: str) -> list[str]:
-    """Words of a line: quoted text is one word, a hash outside quotes begins a comment."""
-    if '"' not in line:
-        return line.partition("#")[0].split()
-    lexer = shlex.shlex(line, posix=True)
-    lexer.whitespace_split = True
-    lexer.quotes = '"'
-    lexer.escape = ""
-    lexer.commenters = "#"
-    try:
-        return list(lexer)
-    except ValueError as error:
-        raise ProfileError(
-            f"{name}:{number}: a quotation mark is never closed: close it on the same line", path=name
-        ) from error
-
-
-def _tables(text: str, name: str) -> list[_Table]:
-    tables: list[_Table] = []
-    table = _Table()
-    section, opened = "", 0
-    for number, line in enumerate(text.splitlines(), start=1):
-        words = _tokens(line, number, name)
-        if not words:
-            continue
-        word = words[0].upper()
-        if section == "format":
-            if word == "END_DATA_FORMAT":
-                section = ""
-            else:
-                table.columns += [column.upper() for column in words]
-        elif section == "data":
-            if word == "END_DATA":
-                tables.append(table)
-                table, section = _Table(), ""
-            else:
-                table.rows.append((number, words))
-        elif word == "BEGIN_DATA_FORMAT":
-            section, opened, table.format_line = "format", number, number
-        elif word == "BEGIN_DATA":
-            if not table.columns:
-                raise ProfileError(
-                    f"{name}:{number}: data begins before BEGIN_DATA_FORMAT names its columns: export the "
-                    "file again with its column names",
-                    path=name,
-                )
-            section, opened = "data", number
-        elif word == "NUMBER_OF_SETS":
-            try:
-                table.sets = int(words[1])
-            except (IndexError, ValueError) as error:
-                raise ProfileError(f"{name}:{number}: NUMBER_OF_SETS needs a whole number", path=name) from error
-        elif word != "KEYWORD" and len(words) > 1:
-            table.keywords[word] = " ".join(words[1:])
-    if section:
-        end = "END_DATA_FORMAT" if section == "format" else "END_DATA"
-        raise ProfileError(
-            f"{name}:{opened}: the file ends before {end}: it is cut short; copy or export it again",
-            path=name,
-        )
-    return tables
-
-
-def _ink_columns(columns: list[str]) -> tuple[str, ...]:
-    if all(column in columns for column in _CMYK_COLUMNS):
-        return _CMYK_COLUMNS
-    for inks in range(15, 0, -1):
-        names = tuple(f"{inks}CLR_{ink}" for ink in range(1, inks + 1))
-        if all(column in columns for column in names):
-            return names
-    return ()
+    lab_d50: NDArray[np.float64] = field(repr=False)
+    reflectance: NDArray[np.float64] | None = field(repr=False)
+    wavelengths_nm: NDArray[np.float64] | None = field(repr=False)
+    ink_frac: NDArray[np.float64] | None = field(repr=False)
+    sample_ids: tuple[str, ...] = field(repr=False)
+    locations: tuple[str, ...] = field(repr=False)
 
 
 def _is_measured(columns: list[str]) -> bool:
-    return all(c in columns for c in _LAB_COLUMNS) or all(c in columns for c in _XYZ_COLUMNS)
+    return (
+        all(c in columns for c in LAB_COLUMNS)
+        or all(c in columns for c in XYZ_COLUMNS)
+        or len(band_columns(columns)) >= _FEWEST_BANDS
+    )
 
 
-def _choose_table(tables: list[_Table], name: str) -> _Table:
+def _choose_table(tables: list[Table], name: str, *, need_inks: bool) -> Table:
     if not tables:
         raise ProfileError(
             f"{name}: holds no measurement table (no BEGIN_DATA): give a CGATS or .ti3 measurement file",
             path=name,
         )
-    for table in tables:
-        if _ink_columns(table.columns) and _is_measured(table.columns):
-            return table
+    good = [table for table in tables if _is_measured(table.columns) and (ink_columns(table.spelled) or not need_inks)]
+    # Tools put a calibration beside the measurements; but two tables of measurements leave open which one is meant.
+    kinds = {tuple(table.columns) for table in good}
+    if len(good) > 1 and len(kinds) < len(good):
+        raise ProfileError(
+            f"{name}:{good[1].format_line}: a second table of measurements begins: keep one table in a file", path=name
+        )
+    if good:
+        return good[0]
     first = tables[0]
-    if not _ink_columns(first.columns):
-        missing = [column for column in _CMYK_COLUMNS if column not in first.columns]
+    if need_inks and not ink_columns(first.spelled):
+        missing = [column for column in CMYK_COLUMNS if column not in first.columns]
         what = f"ink columns {', '.join(missing)} are missing"
     else:
-        what = "colour columns LAB_L LAB_A LAB_B or XYZ_X XYZ_Y XYZ_Z are missing"
+        what = "colour columns LAB_L LAB_A LAB_B or XYZ_X XYZ_Y XYZ_Z, or spectral ones, are missing"
     raise ProfileError(
-        f"{name}:{first.format_line}: {what} (found: {' '.join(first.columns)}): export the file with ink "
+        f"{name}:{first.format_line}: {what} (found: {column_list(first)}): export the file with ink "
         "percentages and measured Lab or XYZ",
         path=name,
     )
 
 
-def _numbers(table: _Table, wanted: tuple[str, ...], name: str) -> NDArray[np.float64]:
-    places = [table.columns.index(column) for column in wanted]
-    out = np.empty((len(table.rows), len(wanted)))
-    for row, (line, words) in enumerate(table.rows):
-        if len(words) != len(table.columns):
+def _ink_frac(table: Table, columns: tuple[str, ...], name: str) -> NDArray[np.float64]:
+    percent = numbers(table, columns, name, spelled=True)
+    outside = (percent < -_INK_SLACK_PERCENT) | (percent > 100.0 + _INK_SLACK_PERCENT)
+    refuse(table, outside, percent, columns, "but ink must be 0 to 100 percent", name)
+    return np.clip(percent / 100.0, 0.0, 1.0)
+
+
+def _reflectance(table: Table, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]] | tuple[None, None]:
+    bands = band_columns(table.columns)
+    if len(bands) < _FEWEST_BANDS:
+        return None, None
+    columns = tuple(column for _, column in bands)
+    values = numbers(table, columns, name)
+    norm = table.keywords.get("SPECTRAL_NORM", "")
+    try:
+        scale = float(norm[:20])
+    except ValueError:
+        scale = 100.0 if values.max() > _PERCENT_ABOVE or columns[0].startswith("SPECTRAL_PCT") else 1.0
+    if not 0.5 <= scale <= 1000.0:
+        raise ProfileError(f"{name}: SPECTRAL_NORM is {scale:g}, but it must be 1 or 100", path=name)
+    outside = (values < -0.05 * scale) | (values > _MOST_REFLECTANCE * scale)
+    refuse(table, outside, values, columns, f"but reflectance must be 0 to about {scale:g}", name)
+    return np.maximum(values / scale, 0.0), np.array([nm for nm, _ in bands])
+
+
+def _lab(
+    table: Table,
+    reflectance: NDArray[np.float64] | None,
+    wavelengths_nm: NDArray[np.float64] | None,
+    name: str,
+) -> NDArray[np.float64]:
+    if all(column in table.columns for column in LAB_COLUMNS):
+        lab = numbers(table, LAB_COLUMNS, name)
+        colour_columns: tuple[str, ...] = LAB_COLUMNS
+    elif all(column in table.columns for column in XYZ_COLUMNS):
+        xyz = numbers(table, XYZ_COLUMNS, name)
+        refuse(
+            table,
+            (xyz < -0.5) | (xyz > 130.0),
+            xyz,
+            XYZ_COLUMNS,
+            "but XYZ must be 0 to about 100 (white = 100)",
+            name,
+        )
+        if xyz.max() < 2.0:
             raise ProfileError(
-                f"{name}:{line}: this line has {len(words)} values, but {len(table.columns)} columns are "
-                "named: put every patch on one line with all its values",
+                f"{name}:{table.format_line}: XYZ never passes {xyz.max():g}, so white is not 100: scale the "
+                "columns by 100",
                 path=name,
             )
-        for place, (column, index) in enumerate(zip(wanted, places, strict=True)):
-            try:
-                value = float(words[index])
-            except ValueError as error:
-                hint = "; use a point for decimals" if "," in words[index] else ""
-                raise ProfileError(
-                    f"{name}:{line}: {column} is {words[index]!r}, which is not a number{hint}", path=name
-                ) from error
-            if not math.isfinite(value):
-                raise ProfileError(
-                    f"{name}:{line}: {column} is {words[index]}: measure this patch again or delete its line",
-                    path=name,
-                )
-            out[row, place] = value
-    return out
-
-
-def _refuse(
-    table: _Table,
-    bad: NDArray[np.bool_],
-    values: NDArray[np.float64],
-    columns: tuple[str, ...],
-    why: str,
-    name: str,
-) -> None:
-    if bad.any():
-        row, place = (int(i) for i in np.argwhere(bad)[0])
-        raise ProfileError(f"{name}:{table.rows[row][0]}: {columns[place]} is {values[row, place]:g}, {why}", path=name)
+        lab = lab_from_xyz(np.maximum(xyz, 0.0) / 100.0)
+        colour_columns = XYZ_COLUMNS
+    else:
+        assert reflectance is not None
+        assert wavelengths_nm is not None
+        try:
+            lab = lab_from_xyz(xyz_from_reflectance(reflectance, wavelengths_nm))
+        except ValueError as error:
+            raise ProfileError(
+                f"{name}:{table.format_line}: colours can't be made of the spectra: {error}: export "
+                f"{MUST_REACH_NM[0]:g} to {MUST_REACH_NM[1]:g} nm or more, in steps of 20 nm or less",
+                path=name,
+            ) from error
+        colour_columns = ("L* of the spectrum", "a* of the spectrum", "b* of the spectrum")
+    sense = (lab < [-1.0, -170.0, -170.0]) | (lab > [115.0, 170.0, 170.0])
+    refuse(table, sense, lab, colour_columns, "which is no colour that can be measured", name)
+    return lab
 
 
 def parse_measurements(text: str, name: str) -> Measurements:
     """Read measurements from the text of a CGATS or .ti3 file.
+
+    Lab is taken where the file has it, else XYZ, else it is computed from the spectra.
 
     Parameters
     ----------
@@ -230,69 +228,62 @@ def parse_measurements(text: str, name: str) -> Measurements:
     ----------
     CGATS.17, "Exchange format for colour and process control data using XML or ASCII text".
     """
-    table = _choose_table(_tables(text, name), name)
-    duplicate = next((c for c in table.columns if table.columns.count(c) > 1), None)
-    if duplicate:
-        raise ProfileError(
-            f"{name}:{table.format_line}: column {duplicate} is named twice: export the file again", path=name
-        )
-    if not table.rows:
-        raise ProfileError(f"{name}:{table.format_line}: the table has no patches", path=name)
-    ink_columns = _ink_columns(table.columns)
-    percent = _numbers(table, ink_columns, name)
-    if table.sets is not None and table.sets != len(table.rows):
-        raise ProfileError(
-            f"{name}: NUMBER_OF_SETS says {table.sets} patches, but {len(table.rows)} are there: the file is "
-            "cut short or was edited; export it again",
-            path=name,
-        )
-    outside = (percent < -_INK_SLACK_PERCENT) | (percent > 100.0 + _INK_SLACK_PERCENT)
-    _refuse(table, outside, percent, ink_columns, "but ink must be 0 to 100 percent", name)
-
-    if all(column in table.columns for column in _LAB_COLUMNS):
-        lab = _numbers(table, _LAB_COLUMNS, name)
-        colour_columns: tuple[str, ...] = _LAB_COLUMNS
-    else:
-        xyz = _numbers(table, _XYZ_COLUMNS, name)
-        _refuse(
-            table,
-            (xyz < -0.5) | (xyz > 130.0),
-            xyz,
-            _XYZ_COLUMNS,
-            "but XYZ must be 0 to about 100 (white = 100)",
-            name,
-        )
-        if xyz.max() < 2.0:
-            raise ProfileError(
-                f"{name}:{table.format_line}: XYZ never passes {xyz.max():g}, so white is not 100: scale the "
-                "columns by 100",
-                path=name,
-            )
-        lab = lab_from_xyz(np.maximum(xyz, 0.0) / 100.0)
-        colour_columns = _XYZ_COLUMNS
-    sense = (lab < [-1.0, -170.0, -170.0]) | (lab > [115.0, 170.0, 170.0])
-    _refuse(table, sense, lab, colour_columns, "which is no colour that can be measured", name)
-
+    table = _choose_table(read_tables(text, name), name, need_inks=True)
+    check_table(table, name)
+    inks = ink_columns(table.spelled)
+    ink_frac = _ink_frac(table, inks, name)
+    reflectance, wavelengths_nm = _reflectance(table, name)
+    lab = _lab(table, reflectance, wavelengths_nm, name)
     return Measurements(
-        ink_frac=np.clip(percent / 100.0, 0.0, 1.0),
+        ink_frac=ink_frac,
         lab_d50=lab,
-        ink_names=_ink_names(table, ink_columns, name),
+        ink_names=read_ink_names(table, inks, name),
         description=table.keywords.get("DESCRIPTOR", "").strip() or Path(name).stem,
         text=text,
         created=_created(table.keywords.get("CREATED", "")),
+        reflectance=reflectance,
+        wavelengths_nm=wavelengths_nm,
+        sample_ids=tuple(table.column("SAMPLE_ID", "SAMPLE_NAME") or ()),
     )
 
 
-def _ink_names(table: _Table, ink_columns: tuple[str, ...], name: str) -> tuple[str, ...]:
+def parse_readings(text: str, name: str) -> Readings:
+    """Read an instrument's colours; as `parse_measurements`, but the inks may be missing.
+
+    Raises
+    ------
+    ProfileError
+        As `parse_measurements`.
+    """
+    table = _choose_table(read_tables(text, name), name, need_inks=False)
+    check_table(table, name)
+    inks = ink_columns(table.spelled)
+    reflectance, wavelengths_nm = _reflectance(table, name)
+    return Readings(
+        lab_d50=_lab(table, reflectance, wavelengths_nm, name),
+        reflectance=reflectance,
+        wavelengths_nm=wavelengths_nm,
+        ink_frac=_ink_frac(table, inks, name) if inks else None,
+        sample_ids=tuple(table.column("SAMPLE_ID", "SAMPLEID", "SAMPLE_NAME") or ()),
+        locations=tuple(table.column("SAMPLE_LOC", "LOCATION", "SAMPLE_NAME") or ()),
+    )
+
+
+def read_ink_names(table: Table, columns: tuple[str, ...], name: str) -> tuple[str, ...]:
+    """Names of the inks: what INK_NAMES says, or what the columns' letters stand for.
+
+    Raises
+    ------
+    ProfileError
+        If INK_NAMES names another number of inks than there are columns.
+    """
     given = table.keywords.get("INK_NAMES")
     if given is None:
-        if ink_columns == _CMYK_COLUMNS:
-            return ("Cyan", "Magenta", "Yellow", "Black")
-        return tuple(f"Ink {ink}" for ink in range(1, len(ink_columns) + 1))
+        return letter_names(columns)
     names = tuple(part.strip() for part in given.split(","))
-    if len(names) != len(ink_columns) or not all(names):
+    if len(names) != len(columns) or not all(names):
         raise ProfileError(
-            f"{name}: INK_NAMES names {len(names)} inks, but there are {len(ink_columns)} ink columns: give "
+            f"{name}: INK_NAMES names {len(names)} inks, but there are {len(columns)} ink columns: give "
             "one name for each, separated by commas",
             path=name,
         )
@@ -300,7 +291,7 @@ def _ink_names(table: _Table, ink_columns: tuple[str, ...], name: str) -> tuple[
 
 
 def _created(text: str) -> datetime.date | None:
-    stamp = re.sub(r"\s+", " ", text).strip()
+    stamp = re.sub(r"\s+", " ", text[:_CREATED_LENGTH]).strip()
     for form in _CREATED_FORMATS:
         try:
             return datetime.datetime.strptime(stamp, form).date()
@@ -317,18 +308,15 @@ def read_measurements(path: str | Path) -> Measurements:
     ProfileError
         If the file can't be read, is no text, is above 64 MiB, or for what `parse_measurements` refuses.
     """
-    file = Path(path)
-    try:
-        with file.open("rb") as stream:
-            data = stream.read(_MAX_BYTES + 1)
-    except OSError as error:
-        raise ProfileError(
-            f"{file}: can't be read: {error.strerror}: check the path and its permissions", path=str(file)
-        ) from error
-    if len(data) > _MAX_BYTES or b"\0" in data:
-        raise ProfileError(f"{file}: is no measurement text: give a CGATS or .ti3 measurement file", path=str(file))
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = data.decode("latin-1")
-    return parse_measurements(text, str(file))
+    return parse_measurements(read_text(path), str(path))
+
+
+def read_readings(path: str | Path) -> Readings:
+    """Read an instrument's file; see `parse_readings`.
+
+    Raises
+    ------
+    ProfileError
+        If the file can't be read, is no text, is above 64 MiB, or for what `parse_readings` refuses.
+    """
+    return parse_readings(read_text(path), str(path))

@@ -15,9 +15,12 @@ from numpy.typing import NDArray
 import tilefab
 from tilefab.errors import ImageError, OutputError
 from tilefab.io.atomic import atomic_write
+from tilefab.io.tiff_inks import make_separated
 from tilefab.types import Array, PrintImage
 
-_INK_SET_CMYK = 1
+_INK_SET_CMYK, _INK_SET_OTHER = 1, 2
+_CMYK_INKS = 4
+_MOST_INKS = 8
 _TAG_INK_SET, _TAG_INK_NAMES, _TAG_NUMBER_OF_INKS = 332, 333, 334
 _STRIP_BYTES = 1 << 18
 PREVIEW_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
@@ -32,7 +35,7 @@ class PrintTags:
     dpi
         Resolution in both directions.
     icc_profile
-        Press profile to embed.
+        Press profile to embed; None for none.
     ink_names
         One name a channel.
     description
@@ -42,7 +45,7 @@ class PrintTags:
     """
 
     dpi: float
-    icc_profile: bytes
+    icc_profile: bytes | None
     ink_names: tuple[str, ...]
     description: str
     compression: str = "none"
@@ -55,26 +58,34 @@ def pixel_hash(pixels: Array) -> str:
 
 
 def write_print_tiff(path: Path, pixels: PrintImage, tags: PrintTags) -> None:
-    """Write a face for the press: separated TIFF with profile, resolution and ink names; whole or not at all.
+    """Write a face or chart for the press: separated TIFF with profile, resolution, ink names; whole or not at all.
+
+    Four inks are marked as CMYK, whatever their names, for that is how presses take them; others as not CMYK.
 
     Parameters
     ----------
     path
         The file to write.
     pixels
-        (rows, cols, 4) uint8 or uint16, 0 = no ink.
+        (rows, cols, N) uint8 or uint16, 0 = no ink, of 1 to 8 inks.
     tags
-        What the file says about itself.
+        What the file says about itself; one name for each ink.
 
     Raises
     ------
     OutputError
         If it can't be written.
+    ValueError
+        If there are more inks, or not as many names as inks.
     """
+    inks = pixels.shape[2]
+    if not 1 <= inks <= _MOST_INKS or len(tags.ink_names) != inks:
+        raise ValueError(f"{inks} inks with {len(tags.ink_names)} names can't be written")
+    is_cmyk = inks == _CMYK_INKS
     rows_per_strip = max(1, _STRIP_BYTES // max(1, pixels[:1].nbytes))
     names = "".join(f"{name}\0" for name in tags.ink_names).encode("ascii", "replace")
     extra = [
-        (_TAG_INK_SET, "H", 1, _INK_SET_CMYK, True),
+        (_TAG_INK_SET, "H", 1, _INK_SET_CMYK if is_cmyk else _INK_SET_OTHER, True),
         # Bytes written as an ASCII field: its names are separated by NUL, which text fields can't hold.
         (_TAG_INK_NAMES, "s", len(names), names, True),
         (_TAG_NUMBER_OF_INKS, "H", 1, len(tags.ink_names), True),
@@ -84,9 +95,10 @@ def write_print_tiff(path: Path, pixels: PrintImage, tags: PrintTags) -> None:
     def write(temporary: Path) -> None:
         tifffile.imwrite(
             temporary,
-            pixels,
-            photometric="separated",
-            planarconfig="contig",
+            pixels if inks > 1 else pixels[..., 0],
+            byteorder="<",
+            photometric="separated" if is_cmyk else "minisblack",
+            planarconfig="contig" if inks > 1 else None,
             rowsperstrip=rows_per_strip,
             compression=compression,
             predictor=compression is not None,
@@ -98,6 +110,8 @@ def write_print_tiff(path: Path, pixels: PrintImage, tags: PrintTags) -> None:
             extratags=extra,
             metadata=None,
         )
+        if not is_cmyk:
+            make_separated(temporary)
 
     atomic_write(path, write)
 

@@ -1,7 +1,8 @@
 """ICC profiles: reading them warily, and telling whether a press can be driven through one.
 
 A profile comes from outside. Every offset, size and count is checked against the bytes that are there before
-it is used, and what is wrong is said with the tag it is wrong in. Writing is in `tilefab.io.icc_encode`.
+it is used, and what is wrong is said with the tag it is wrong in. Tables are read in `tilefab.io.icc_tables`; writing
+is in `tilefab.io.icc_encode`.
 """
 
 from __future__ import annotations
@@ -12,20 +13,22 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from tilefab.errors import ProfileError
-from tilefab.io.icc_encode import encode_output_profile
+from tilefab.io.icc_encode import encode_device_link, encode_output_profile
+from tilefab.io.icc_tags import HEADER_BYTES, colorant_names, damaged, read_text, read_xyz, signature, tag_table
 
 __all__ = [
     "IccProfile",
+    "encode_device_link",
     "encode_output_profile",
+    "measurement_text",
     "parse_icc_profile",
     "read_icc_profile",
     "require_press_profile",
+    "tag_bytes",
 ]
 
-_HEADER_BYTES = 128
 _MAX_BYTES = 256 * 1024 * 1024
-_MAX_TAGS = 512
-_MAX_INKS = 15
+_WHITE_D50 = (0.9642, 1.0, 0.8249)
 _WHITE_TOP = 2.0
 _CLASS_NAMES = {
     "scnr": "an input (scanner or camera) profile",
@@ -36,10 +39,14 @@ _CLASS_NAMES = {
     "abst": "an abstract profile",
     "nmcl": "a named colour profile",
 }
-_DEFAULT_INKS = {"CMYK": ("Cyan", "Magenta", "Yellow", "Black"), "CMY": ("Cyan", "Magenta", "Yellow")}
+_DEFAULT_INKS = {
+    "GRAY": ("Black",),
+    "CMY": ("Cyan", "Magenta", "Yellow"),
+    "CMYK": ("Cyan", "Magenta", "Yellow", "Black"),
+}
 _CHANNELS = {"GRAY": 1, "RGB": 3, "CMY": 3, "CMYK": 4, "Lab": 3, "XYZ": 3, "Luv": 3, "YCbr": 3, "Yxy": 3}
 _CHANNELS |= {"HSV": 3, "HLS": 3}
-_CHANNELS |= {f"{inks:X}CLR": inks for inks in range(2, 16)}
+_CHANNELS |= {f"{inks:X}CLR": inks for inks in range(1, 16)}
 _LUT_TYPES = ("mft1", "mft2", "mAB ", "mBA ")
 
 
@@ -132,9 +139,9 @@ def parse_icc_profile(data: bytes, name: str) -> IccProfile:
     again = "export the profile again or take another copy"
     if len(data) > _MAX_BYTES:
         raise ProfileError(f"{name}: is above {_MAX_BYTES >> 20} MiB and no ICC profile: choose another", path=name)
-    if len(data) < _HEADER_BYTES + 4:
+    if len(data) < HEADER_BYTES + 4:
         raise ProfileError(
-            f"{name}: is {len(data)} bytes long, but an ICC profile has at least {_HEADER_BYTES + 4}: {again}",
+            f"{name}: is {len(data)} bytes long, but an ICC profile has at least {HEADER_BYTES + 4}: {again}",
             path=name,
         )
     if data[36:40] != b"acsp":
@@ -142,27 +149,27 @@ def parse_icc_profile(data: bytes, name: str) -> IccProfile:
             f"{name}: is no ICC profile (bytes 36 to 39 are not 'acsp'): choose an .icc or .icm file",
             path=name,
         )
-    (size,) = struct.unpack_from(">I", data, 0)
-    if not _HEADER_BYTES + 4 <= size <= len(data):
+    size = _size(data)
+    if not HEADER_BYTES + 4 <= size <= len(data):
         raise ProfileError(
             f"{name}: its header says {size} bytes, but {len(data)} are there: it is cut short or damaged; {again}",
             path=name,
         )
-    tags = _tag_table(data, size, name)
-    colour_space = _signature(data, 16)
+    tags = tag_table(data, size, name)
+    colour_space = signature(data, 16)
     channels = _CHANNELS.get(colour_space, 0)
     if not channels:
         raise ProfileError(
             f"{name}: has the colour space {colour_space!r}, which no ICC profile has: {again}", path=name
         )
-    device_class = _signature(data, 12)
+    device_class = signature(data, 12)
     return IccProfile(
         data=data,
         path=name,
         description=_description(data, tags, name) or Path(name).stem,
         device_class=device_class,
         colour_space=colour_space,
-        pcs=_signature(data, 20),
+        pcs=signature(data, 20),
         version=f"{data[8]}.{data[9] >> 4}.{data[9] & 15}",
         channels=channels,
         ink_names=_ink_names(data, tags, colour_space, channels, device_class, name),
@@ -179,7 +186,8 @@ def require_press_profile(profile: IccProfile) -> IccProfile:
     ------
     ProfileError
         If it is not an output profile, its connection space is not Lab or XYZ, its channels are no inks, it
-        has no tables from colour to inks and back, or those tables have other channels than it says.
+        has no tables from colour to inks and back (a gray press may have a tone curve instead), or those tables have
+        other channels than it says.
     """
     name = profile.path
     if profile.device_class != "prtr":
@@ -200,7 +208,9 @@ def require_press_profile(profile: IccProfile) -> IccProfile:
             "the press's inks, not for an RGB driver",
             path=name,
         )
-    tags = _tag_table(profile.data, len(profile.data), name)
+    tags = tag_table(profile.data, _size(profile.data), name)
+    if profile.colour_space == "GRAY" and "kTRC" in tags and not {"A2B0", "B2A0"} & set(tags):
+        return profile
     for tag, purpose in (("B2A0", "from colour to inks"), ("A2B0", "from inks to colour")):
         if tag not in tags:
             raise ProfileError(
@@ -242,68 +252,52 @@ def _lut_bytes(data: bytes, offset: int, kind: str) -> int:
     return int(52 + 2 * (entries_in * inputs + grid**inputs * outputs + entries_out * outputs))
 
 
-def _signature(data: bytes, offset: int) -> str:
-    return data[offset : offset + 4].decode("latin-1").strip(" \0")
+def channels_of(space: str) -> int:
+    """Channels of a colour space by its signature, blanks removed; 0 for one that no ICC profile has."""
+    return _CHANNELS.get(space, 0)
 
 
-def _tag_table(data: bytes, size: int, name: str) -> dict[str, tuple[int, int]]:
-    """Offset and size of every tag, each inside the profile."""
-    (count,) = struct.unpack_from(">I", data, _HEADER_BYTES)
-    first = _HEADER_BYTES + 4
-    if count > _MAX_TAGS or first + 12 * count > size:
-        raise ProfileError(
-            f"{name}: its tag table claims {count} tags, more than fit into {size} bytes: it is damaged; "
-            "export the profile again",
-            path=name,
-        )
-    tags: dict[str, tuple[int, int]] = {}
-    for index in range(count):
-        raw, offset, length = struct.unpack_from(">4sII", data, first + 12 * index)
-        tag = raw.decode("latin-1")
-        if offset < first + 12 * count or length < 8 or offset + length > size:
-            raise ProfileError(
-                f"{name}: tag {tag!r} points to bytes {offset} to {offset + length}, outside the profile's "
-                f"{size}: it is damaged; export the profile again",
-                path=name,
-            )
-        tags.setdefault(tag, (offset, length))
-    return tags
+def tag_bytes(profile: IccProfile, tag: str) -> bytes | None:
+    """A tag's element, type signature first, or None if the profile has no such tag."""
+    place = tag_table(profile.data, _size(profile.data), profile.path).get(tag)
+    return None if place is None else profile.data[place[0] : place[0] + place[1]]
 
 
-def _damaged(name: str, tag: str, why: str) -> ProfileError:
-    return ProfileError(
-        f"{name}: tag {tag!r} is damaged ({why}): export the profile again or take another copy", path=name
-    )
+def measurement_text(profile: IccProfile) -> str | None:
+    """The measurement file that a profile carries (tag ``targ``), or None.
+
+    Raises
+    ------
+    ProfileError
+        If the tag is there but holds no text.
+
+    References
+    ----------
+    ICC.1:2010 section 9.2.14 (charTargetTag). ArgyllCMS stores its .ti3 in the same place.
+    """
+    body = tag_bytes(profile, "targ")
+    return None if body is None else read_text(body, "targ", profile.path)
+
+
+def _size(data: bytes) -> int:
+    return int(struct.unpack_from(">I", data, 0)[0])
 
 
 def _description(data: bytes, tags: dict[str, tuple[int, int]], name: str) -> str:
     if "desc" not in tags:
         return ""
     offset, length = tags["desc"]
-    body = data[offset : offset + length]
-    if body[:4] == b"desc" and length >= 12:
-        (count,) = struct.unpack_from(">I", body, 8)
-        if count > length - 12:
-            raise _damaged(name, "desc", f"text of {count} characters in {length} bytes")
-        return body[12 : 12 + count].split(b"\0")[0].decode("latin-1").strip()
-    if body[:4] == b"mluc" and length >= 28:
-        _, _, _, _, text_bytes, start = struct.unpack_from(">II2s2sII", body, 8)
-        if start + text_bytes > length:
-            raise _damaged(name, "desc", f"text of {text_bytes} bytes in {length}")
-        return body[start : start + text_bytes].decode("utf-16-be", "replace").strip("\0 ")
-    raise _damaged(name, "desc", f"unknown type {body[:4]!r}")
+    return read_text(data[offset : offset + length], "desc", name).strip()
 
 
 def _white(data: bytes, tags: dict[str, tuple[int, int]], name: str) -> tuple[float, float, float]:
     if "wtpt" not in tags:
-        return (0.9642, 1.0, 0.8249)
+        return _WHITE_D50
     offset, length = tags["wtpt"]
-    if data[offset : offset + 4] != b"XYZ " or length < 20:
-        raise _damaged(name, "wtpt", "no XYZ value")
-    x, y, z = (value / 65536.0 for value in struct.unpack_from(">3i", data, offset + 8))
-    if not all(0.0 < value < _WHITE_TOP for value in (x, y, z)):
-        raise _damaged(name, "wtpt", f"white is {x:.4f} {y:.4f} {z:.4f}")
-    return (x, y, z)
+    white = read_xyz(data[offset : offset + length], "wtpt", name)
+    if not all(0.0 < value < _WHITE_TOP for value in white):
+        raise damaged(name, "wtpt", f"white is {white[0]:.4f} {white[1]:.4f} {white[2]:.4f}")
+    return white
 
 
 def _ink_names(
@@ -318,13 +312,7 @@ def _ink_names(
         return ()
     if "clrt" in tags:
         offset, length = tags["clrt"]
-        if data[offset : offset + 4] != b"clrt" or length < 12:
-            raise _damaged(name, "clrt", "no colorant table")
-        (count,) = struct.unpack_from(">I", data, offset + 8)
-        if count > _MAX_INKS or 12 + 38 * count > length:
-            raise _damaged(name, "clrt", f"{count} inks in {length} bytes")
-        raw = (data[offset + 12 + 38 * ink :][:32] for ink in range(count))
-        names = tuple(text.split(b"\0")[0].decode("latin-1").strip() for text in raw)
-        if count == channels and all(names):
+        names = colorant_names(data[offset : offset + length], "clrt", name)
+        if len(names) == channels and all(names):
             return names
     return _DEFAULT_INKS.get(colour_space) or tuple(f"Ink {ink}" for ink in range(1, channels + 1))

@@ -1,21 +1,66 @@
-"""Writing ICC output profiles, version 2.4: the same tables always give the same bytes."""
+"""Writing ICC output profiles for 1 to 8 inks and device links, versions 2.4 and 4.3.
+
+The same tables always give the same bytes.
+"""
 
 from __future__ import annotations
 
 import datetime
-import struct
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tilefab.colour.lut import BackwardTables, ForwardTable
-from tilefab.colour.spaces import WHITE_XYZ_D50
+from tilefab.io.icc_elements import (
+    FALLBACK_DAY,
+    Version,
+    assemble,
+    colorant_type,
+    copyright_element,
+    encode_lab,
+    encode_unit,
+    identity_adaptation,
+    lab_curves_for,
+    sequence_type,
+    shown_text,
+    table,
+    text_type,
+    xyz_type,
+)
 
-_FALLBACK_DAY = datetime.date(2000, 1, 1)
-_VERSION = 0x02400000
-_LAB_SCALE = np.array([652.80, 256.0, 256.0])
-_LAB_OFFSET = np.array([0.0, 128.0, 128.0])
-_INK_NAME_BYTES = 32
+MOST_INKS = 8
+_PROCESS_INKS = (("cyan", "c"), ("magenta", "m"), ("yellow", "y"))
+
+
+def ink_space(ink_names: tuple[str, ...]) -> str:
+    """Colour space signature, 4 characters, under which inks are written.
+
+    One ink is ``GRAY``, whose tables here count ink (0 = none), as ArgyllCMS writes monochrome presses: its tools know
+    no ``1CLR``, though Little CMS and iccDEV do, and all three take ``GRAY`` values as the tables have them. Three inks
+    are ``CMY`` if their names say so; four are ``CMYK`` whatever their names, as few programs open ``4CLR``.
+
+    Parameters
+    ----------
+    ink_names
+        1 to 8 names, in channel order.
+
+    Raises
+    ------
+    ValueError
+        If there are none or more than 8.
+    """
+    inks = len(ink_names)
+    if not 1 <= inks <= MOST_INKS:
+        raise ValueError(f"{inks} inks: profiles are written for 1 to {MOST_INKS}")
+    if inks in (1, 4):
+        return "GRAY" if inks == 1 else "CMYK"
+    if inks == 3 and all(
+        name.casefold().strip() == short or name.casefold().strip().startswith(long)
+        for name, (long, short) in zip(ink_names, _PROCESS_INKS, strict=True)
+    ):
+        return "CMY "
+    return f"{inks}CLR"
 
 
 def encode_output_profile(
@@ -29,23 +74,26 @@ def encode_output_profile(
     ink_names: tuple[str, ...],
     measurement_text: str,
     created: datetime.date | None = None,
+    version: Version = 2,
 ) -> bytes:
-    """Encode tables as an ICC version 2.4 CMYK output profile.
+    """Encode tables as an ICC output profile.
 
     Parameters
     ----------
     forward, backward
-        The tables, for 4 inks, in relative Lab. The saturation tables are the perceptual ones.
+        The tables, for 1 to 8 inks, in relative Lab. All grid axes of a table have the same length.
     white_xyz, black_xyz
         Unprinted tile and darkest print, absolute XYZ under D50, Y = 1 for a perfect diffuser.
     description, copyright_text
-        Texts of the profile; characters outside ASCII become question marks.
+        Texts of the profile. In version 2, characters of the copyright outside ASCII become question marks.
     ink_names
         One name for each ink, carried in a colorant table.
     measurement_text
-        The measurement file that the tables come from, carried whole.
+        The measurement file that the tables come from, carried whole; characters outside ASCII become question marks.
     created
         Day written into the profile: the measurements', never the clock's. None is 2000-01-01.
+    version
+        2 writes version 2.4 with lut16Type tables, 4 version 4.3 with lutAToBType and lutBToAType tables.
 
     Returns
     -------
@@ -55,99 +103,117 @@ def encode_output_profile(
     Raises
     ------
     ValueError
-        If tables and names are not for 4 inks, or an ink's name is empty or above 31 ASCII characters.
+        If tables and names are not for the same 1 to 8 inks, curves have less than 2 or more than 4096 entries, or an
+        ink's name is empty or above 31 characters.
 
     References
     ----------
-    ICC.1:2001-04: sections 6.1 (header), 6.3.2 (required tags), 6.5.7 (lut16Type), Annex A (encoding of Lab).
+    ICC.1:2001-04: sections 6.1 (header), 6.3.2 (required tags), Annex A (encoding of Lab); ICC.1:2010: sections 8.5.2
+    (required tags) and 6.3.4.2 (encoding of Lab).
     """
     inks = forward.curves.shape[0]
-    if inks != 4 or backward.relative.shape[-1] != inks or len(ink_names) != inks:
-        raise ValueError(f"tables for {inks} inks and {len(ink_names)} names: 4 of each are needed")
-    a2b = _lut16(forward.curves, _encode_lab(forward.grid), inks)
-    b2a_perceptual = _lut16(backward.curves, _encode_unit(backward.perceptual), 3)
-    b2a_relative = _lut16(backward.curves, _encode_unit(backward.relative), 3)
-    gamut = _lut16(backward.curves, _encode_unit(backward.gamut[..., np.newaxis]), 3)
+    of_tables = {part.shape[-1] for part in (backward.perceptual, backward.relative, backward.saturation)}
+    if forward.grid.ndim != inks + 1 or of_tables != {inks} or len(ink_names) != inks:
+        raise ValueError(f"tables for {inks} inks and {len(ink_names)} names: the same number of each is needed")
+    space = ink_space(ink_names)
+    a2b = table(forward.curves, encode_lab(forward.grid, version), version)
+    curves = lab_curves_for(backward.curves, version)
+    b2a_perceptual, b2a_relative, b2a_saturation, gamut = (
+        table(curves, encode_unit(part), version, from_pcs=True)
+        for part in (backward.perceptual, backward.relative, backward.saturation, backward.gamut[..., np.newaxis])
+    )
     tags = [
-        ("desc", _description_type(description)),
-        ("cprt", _text_type(copyright_text)),
-        ("wtpt", _xyz_type(white_xyz)),
-        ("bkpt", _xyz_type(black_xyz)),
-        ("clrt", _colorant_type(ink_names, _solid_lab(forward))),
+        ("desc", shown_text(description, version)),
+        ("cprt", copyright_element(copyright_text, version)),
+        ("wtpt", xyz_type(white_xyz)),
+        ("bkpt", xyz_type(black_xyz)) if version == 2 else ("chad", identity_adaptation()),
+        ("clrt", colorant_type(ink_names, _solid_lab(forward), version)),
         ("A2B0", a2b),
         ("A2B1", a2b),
         ("A2B2", a2b),
         ("B2A0", b2a_perceptual),
         ("B2A1", b2a_relative),
-        ("B2A2", b2a_perceptual),
+        ("B2A2", b2a_saturation),
         ("gamt", gamut),
-        ("targ", _text_type(measurement_text)),
+        ("targ", text_type(measurement_text)),
     ]
-    return _assemble(tags, created or _FALLBACK_DAY)
-
-
-def _assemble(tags: list[tuple[str, bytes]], day: datetime.date) -> bytes:
-    """Header, tag table and elements; equal elements are stored once."""
-    table = struct.pack(">I", len(tags))
-    body = bytearray()
-    first = 128 + 4 + 12 * len(tags)
-    places: dict[bytes, int] = {}
-    for signature, element in tags:
-        if element not in places:
-            places[element] = first + len(body)
-            body += element + bytes(-len(element) % 4)
-        table += struct.pack(">4sII", signature.encode(), places[element], len(element))
-    header = struct.pack(
-        ">I4sI4s4s4s6H4s4sI4s4sQI3i4s44x",
-        first + len(body),
-        bytes(4),
-        _VERSION,
-        b"prtr",
-        b"CMYK",
-        b"Lab ",
-        *(day.year, day.month, day.day, 0, 0, 0),
-        b"acsp",
-        bytes(4),
-        0,
-        bytes(4),
-        bytes(4),
-        0,
-        0,
-        *_fixed(WHITE_XYZ_D50),
-        bytes(4),
+    return assemble(
+        tags, version=version, device_class="prtr", colour_space=space, pcs="Lab ", day=created or FALLBACK_DAY
     )
-    return header + table + bytes(body)
 
 
-def _fixed(values: tuple[float, ...]) -> list[int]:
-    return [round(value * 65536.0) for value in values]
+def encode_device_link(
+    *,
+    input_curves: NDArray[np.float64],
+    grid: NDArray[np.float64],
+    ink_names_in: tuple[str, ...],
+    ink_names_out: tuple[str, ...],
+    description: str,
+    copyright_text: str,
+    created: datetime.date | None = None,
+    version: Version = 2,
+    source_space: Literal["ink", "rgb"] = "ink",
+) -> bytes:
+    """Encode a table between two devices as an ICC device link.
 
+    Parameters
+    ----------
+    input_curves
+        (I, E) curve of each input, 0 to 1, E 2 to 4096.
+    grid
+        (G_1, ..., G_I, O) ink fractions, 0 to 1. Version 2 needs axes of the same length.
+    ink_names_in, ink_names_out
+        One name for each channel. ``ink_names_in`` is empty where the source is RGB.
+    description, copyright_text
+        Texts of the profile, as in `encode_output_profile`.
+    created
+        Day written into the profile. None is 2000-01-01.
+    version
+        2 writes version 2.4 with a lut16Type table, 4 version 4.3 with a lutAToBType table.
+    source_space
+        What the inputs are.
 
-def _ascii(text: str) -> bytes:
-    return text.replace("\0", " ").encode("ascii", "replace") + b"\0"
+    Returns
+    -------
+    bytes
+        The profile. Its colorant tables name the inks; their colours are not known here and stand as Lab 0, 0, 0.
 
+    Raises
+    ------
+    ValueError
+        If curves, grid and names are not for the same channels or can't be stored.
 
-def _description_type(text: str) -> bytes:
-    ascii_text = _ascii(text)
-    return b"desc" + bytes(4) + struct.pack(">I", len(ascii_text)) + ascii_text + bytes(4 + 4 + 2 + 1 + 67)
-
-
-def _text_type(text: str) -> bytes:
-    return b"text" + bytes(4) + _ascii(text)
-
-
-def _xyz_type(xyz: tuple[float, float, float]) -> bytes:
-    return b"XYZ " + bytes(4) + struct.pack(">3i", *_fixed(xyz))
-
-
-def _colorant_type(names: tuple[str, ...], lab: NDArray[np.float64]) -> bytes:
-    out = b"clrt" + bytes(4) + struct.pack(">I", len(names))
-    for name, code in zip(names, _encode_lab(lab), strict=True):
-        text = _ascii(name)
-        if not 2 <= len(text) <= _INK_NAME_BYTES:
-            raise ValueError(f"ink name {name!r} must have 1 to {_INK_NAME_BYTES - 1} characters")
-        out += text.ljust(_INK_NAME_BYTES, b"\0") + code.astype(">u2").tobytes()
-    return out
+    References
+    ----------
+    ICC.1:2001-04 section 6.3.3 and ICC.1:2010 section 8.6: device links.
+    """
+    inputs, outputs = input_curves.shape[0], grid.shape[-1]
+    named = 3 if source_space == "rgb" and not ink_names_in else len(ink_names_in)
+    if inputs != named or grid.ndim != inputs + 1 or outputs != len(ink_names_out):
+        raise ValueError(
+            f"{inputs} curves, a grid {grid.shape}, {named} names before and {len(ink_names_out)} after don't belong "
+            "together"
+        )
+    if source_space == "rgb" and ink_names_in:
+        raise ValueError("an RGB source has no ink names")
+    space_in = "RGB " if source_space == "rgb" else ink_space(ink_names_in)
+    models = (", ".join(ink_names_in) or "RGB", ", ".join(ink_names_out))
+    tags = [("desc", shown_text(description, version)), ("cprt", copyright_element(copyright_text, version))]
+    if ink_names_in:
+        tags.append(("clrt", colorant_type(ink_names_in, np.zeros((inputs, 3)), version)))
+    tags += [
+        ("clot", colorant_type(ink_names_out, np.zeros((outputs, 3)), version)),
+        ("pseq", sequence_type(models, version)),
+        ("A2B0", table(input_curves, encode_unit(grid), version)),
+    ]
+    return assemble(
+        tags,
+        version=version,
+        device_class="link",
+        colour_space=space_in,
+        pcs=ink_space(ink_names_out),
+        day=created or FALLBACK_DAY,
+    )
 
 
 def _solid_lab(forward: ForwardTable) -> NDArray[np.float64]:
@@ -155,28 +221,3 @@ def _solid_lab(forward: ForwardTable) -> NDArray[np.float64]:
     inks = forward.curves.shape[0]
     corners = [tuple(-1 if i == ink else 0 for i in range(inks)) for ink in range(inks)]
     return np.array([forward.grid[corner] for corner in corners])
-
-
-def _encode_lab(lab: NDArray[np.float64]) -> NDArray[np.uint16]:
-    codes = np.clip(np.round((lab + _LAB_OFFSET) * _LAB_SCALE), 0, 65535)
-    return np.asarray(codes, dtype=np.uint16)
-
-
-def _encode_unit(values: NDArray[np.float64]) -> NDArray[np.uint16]:
-    return np.asarray(np.clip(np.round(values * 65535.0), 0, 65535), dtype=np.uint16)
-
-
-def _lut16(curves: NDArray[np.float64], grid: NDArray[np.uint16], inputs: int) -> bytes:
-    """A lut16Type element: curves, grid (first channel slowest), straight output curves."""
-    outputs = grid.shape[-1]
-    head = struct.pack(">4s4x3Bx", b"mft2", inputs, outputs, grid.shape[0])
-    matrix = struct.pack(">9i", *_fixed((1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)))
-    counts = struct.pack(">2H", curves.shape[1], 2)
-    straight = np.tile(np.array([0, 65535], dtype=">u2"), outputs).tobytes()
-    return (
-        head
-        + matrix
-        + counts
-        + _encode_unit(curves).astype(">u2").tobytes()
-        + (grid.astype(">u2").tobytes() + straight)
-    )

@@ -1,9 +1,6 @@
 """ICC profiles: reading what others wrote, refusing what is damaged, and writing what others read."""
 
-import datetime
-import shutil
 import struct
-import subprocess
 from contextlib import suppress
 from pathlib import Path
 
@@ -13,40 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tilefab.colour.lut import BackwardTables, ForwardTable, backward_axes
+from tests.icc_samples import INK_NAMES, TEXT, make_profile, small_profile, small_tables
+from tilefab.colour.lut import backward_axes
 from tilefab.colour.transform import PressTransform
 from tilefab.errors import ProfileError
-from tilefab.io.icc import encode_output_profile, parse_icc_profile, read_icc_profile, require_press_profile
+from tilefab.io.icc import measurement_text, parse_icc_profile, read_icc_profile, require_press_profile, tag_bytes
+from tilefab.io.icc_elements import shown_text, text_type
 
 SHIPPED = Path(__file__).parents[3] / "profiles" / "demo_ceramic.icc"
-TEXT = "CTI3\nsome measurements\n"
-
-
-def small_tables() -> tuple[ForwardTable, BackwardTables]:
-    draw = np.random.default_rng(7)
-    forward_grid = draw.uniform([20, -40, -40], [100, 40, 40], (3, 3, 3, 3, 3))
-    forward_grid[0, 0, 0, 0] = (100.0, 0.0, 0.0)
-    curves, _ = backward_axes(5)
-    tables = draw.random((2, 5, 5, 5, 4))
-    straight = np.tile(np.linspace(0.0, 1.0, 256), (4, 1))
-    return ForwardTable(straight, forward_grid), BackwardTables(curves, tables[0], tables[1], draw.random((5, 5, 5)))
-
-
-def small_profile(**changes: object) -> bytes:
-    forward, backward = small_tables()
-    arguments: dict[str, object] = {
-        "white_xyz": (0.797, 0.827, 0.643),
-        "black_xyz": (0.02, 0.02, 0.016),
-        "description": "A press – near us",
-        "copyright_text": "Nobody's",
-        "ink_names": ("Blue", "Brown", "Yellow", "Black"),
-        "measurement_text": TEXT,
-        "created": datetime.date(2026, 11, 22),
-    }
-    return encode_output_profile(forward, backward, **(arguments | changes))  # type: ignore[arg-type]
-
-
-SMALL = small_profile()
+SMALL = small_profile(4, 2)
 
 
 def tag_place(data: bytes, tag: bytes) -> int:
@@ -60,7 +32,7 @@ def changed(data: bytes, at: int, new: bytes) -> bytes:
 
 def test_what_was_written_is_read() -> None:
     profile = parse_icc_profile(SMALL, "small.icc")
-    assert profile.description == "A press ? near us"
+    assert profile.description == "A press – near us"
     assert (profile.device_class, profile.colour_space, profile.pcs) == ("prtr", "CMYK", "Lab")
     assert profile.version == "2.4.0"
     assert profile.channels == 4
@@ -87,14 +59,14 @@ def test_required_tags_header_and_alignment() -> None:
 
 
 def test_same_tables_same_bytes_and_no_clock() -> None:
-    assert small_profile() == SMALL
-    assert struct.unpack_from(">6H", small_profile(created=None), 24) == (2000, 1, 1, 0, 0, 0)
+    assert small_profile(4, 2) == SMALL
+    assert struct.unpack_from(">6H", small_profile(4, 2, created=None), 24) == (2000, 1, 1, 0, 0, 0)
 
 
 def test_little_cms_reads_the_nodes() -> None:
-    forward, backward = small_tables()
+    forward, backward = small_tables(4)
     press = PressTransform(SMALL, "relative", 4)
-    corners = np.array(np.meshgrid(*[[0.0, 0.5, 1.0]] * 4, indexing="ij")).reshape(4, -1).T
+    corners = np.array(np.meshgrid(*[[0.0, 0.5**1.25, 1.0]] * 4, indexing="ij")).reshape(4, -1).T
     lab = press.lab_from_inks(corners[np.newaxis])[0]
     np.testing.assert_allclose(lab, forward.grid.reshape(-1, 3), atol=0.1)
     _, axes = backward_axes(5)
@@ -174,9 +146,69 @@ def test_unreadable_files_and_misuse(tmp_path: Path) -> None:
     with pytest.raises(ProfileError, match="can't be read"):
         read_icc_profile(tmp_path / "absent.icc")
     with pytest.raises(ValueError, match="ink name"):
-        small_profile(ink_names=("", "b", "c", "d"))
-    with pytest.raises(ValueError, match="4 of each"):
-        small_profile(ink_names=("a", "b", "c"))
+        small_profile(4, 2, ink_names=("", "b", "c", "d"))
+    with pytest.raises(ValueError, match="the same number of each"):
+        small_profile(4, 2, ink_names=("a", "b", "c"))
+
+
+@pytest.mark.parametrize("inks", [1, 2, 3, 5, 6, 7, 8])
+@pytest.mark.parametrize("version", [2, 4])
+def test_every_number_of_inks_is_a_press(inks: int, version: int) -> None:
+    profile = require_press_profile(parse_icc_profile(small_profile(inks, version), "some.icc"))
+    assert profile.version == {2: "2.4.0", 4: "4.3.0"}[version]
+    assert profile.channels == inks
+    assert profile.ink_names == INK_NAMES[:inks]
+    assert profile.description == "A press – near us"
+
+
+def test_gray_presses_of_others() -> None:
+    curve = b"curv" + bytes(4) + b"\0\0\0\1\2\0"
+    profile = parse_icc_profile(make_profile("prtr", "GRAY", "XYZ ", [("kTRC", curve)]), "gray.icc")
+    assert require_press_profile(profile).ink_names == ("Black",)
+    with pytest.raises(ProfileError, match="no table from colour to inks"):
+        require_press_profile(parse_icc_profile(make_profile("prtr", "GRAY", "XYZ ", []), "gray.icc"))
+
+
+def test_measurements_come_back_whole() -> None:
+    for version in (2, 4):
+        profile = parse_icc_profile(small_profile(6, version, measurement_text=TEXT * 20_000), "x")
+        assert measurement_text(profile) == TEXT * 20_000
+    assert measurement_text(parse_icc_profile(imagecodecs.cms_profile("srgb"), "x")) is None
+
+
+@pytest.mark.parametrize(
+    ("element", "text"),
+    [
+        (text_type("CTI3"), "CTI3"),
+        (b"text\0\0\0\0" + "Größe".encode("latin-1") + b"\0", "Größe"),
+        (b"utf8\0\0\0\0" + "Größe".encode() + b"\0", "Größe"),
+        (shown_text("Größe", 4), "Größe"),
+        (shown_text("Größe 😀", 2), "Größe 😀"),
+        (shown_text("", 4), ""),
+    ],
+)
+def test_texts_of_every_type(element: bytes, text: str) -> None:
+    profile = parse_icc_profile(make_profile("prtr", "CMYK", "Lab ", [("targ", element)]), "x")
+    assert measurement_text(profile) == text
+
+
+def test_english_is_preferred_and_translations_are_checked() -> None:
+    records = b"deDE" + struct.pack(">II", 6, 40) + b"enGB" + struct.pack(">II", 4, 46)
+    element = b"mluc" + bytes(4) + struct.pack(">II", 2, 12) + records + "Rot".encode("utf-16-be")
+    element += "ab".encode("utf-16-be")
+    assert measurement_text(parse_icc_profile(make_profile("prtr", "CMYK", "Lab ", [("targ", element)]), "x")) == "ab"
+    for at, code in ((8, 5), (8, 0), (12, 16), (16 + 12 + 4, 40), (16 + 12 + 8, 4000)):
+        broken = changed(element, at, struct.pack(">I", code))
+        with pytest.raises(ProfileError, match="'targ' is damaged"):
+            measurement_text(parse_icc_profile(make_profile("prtr", "CMYK", "Lab ", [("targ", broken)]), "x"))
+
+
+def test_tags_are_found() -> None:
+    profile = parse_icc_profile(SMALL + b"trailing", "x")
+    assert tag_bytes(profile, "none") is None
+    targ = tag_bytes(profile, "targ")
+    assert targ is not None
+    assert targ[8:-1].decode() == TEXT
 
 
 def test_iccdev_finds_no_fault_in_the_structure() -> None:
@@ -200,27 +232,3 @@ def test_iccdev_computes_the_same_inks_and_colours() -> None:
     ours = press.lab_from_inks(inks[np.newaxis])[0]
     as_fraction = (ours + np.array([0.0, 128.0, 128.0])) / np.array([100.0, 255.0, 255.0])
     np.testing.assert_allclose(theirs, as_fraction, atol=3e-3)
-
-
-def _feed(command: list[str], lines: str) -> str:
-    if shutil.which(command[0]) is None:
-        pytest.skip(f"{command[0]} is not installed")
-    done = subprocess.run(command, input=lines, capture_output=True, text=True, timeout=60, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
-def test_argyll_computes_the_same_inks() -> None:
-    lab = np.array([[60.0, 5.0, 15.0], [40.0, -2.0, 3.0], [85.0, 1.0, 9.0], [100.0, 0.0, 0.0]])
-    lines = "".join(f"{c[0]} {c[1]} {c[2]}\n" for c in lab)
-    out = _feed(["icclu", "-v0", "-fb", "-ir", str(SHIPPED)], lines)
-    theirs = np.array([[float(word) for word in line.split()] for line in out.splitlines() if line.strip()])
-    ours = PressTransform(SHIPPED.read_bytes(), "relative", 4).inks_from_lab(lab[np.newaxis])[0]
-    np.testing.assert_allclose(theirs, ours, atol=5e-4)
-
-
-def test_transicc_computes_the_same_inks() -> None:
-    out = _feed(["transicc", "-n", "-i*Lab2", f"-o{SHIPPED}", "-t1", "-c0"], "60\n5\n15\nq\n")
-    theirs = np.array([float(word) for word in out.split()[:4]]) / 100.0
-    ours = PressTransform(SHIPPED.read_bytes(), "relative", 4).inks_from_lab(np.array([[[60.0, 5.0, 15.0]]]))
-    np.testing.assert_allclose(theirs, ours[0, 0], atol=5e-4)
