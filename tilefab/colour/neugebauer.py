@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from tilefab.colour.spaces import WHITE_XYZ_D50
 from tilefab.jit import kernel
 
 Float64Array = NDArray[np.float64]
@@ -404,8 +403,3 @@ def fit_neugebauer(ink_frac: Float64Array, lab_d50: Float64Array, noise: Float64
         fit = _recentred(fit, ink_frac, noise)
         fit = refine(fit, ink_frac, lab_d50, None, noise, 12)
     return fit
-
-
-def white_ratio() -> Float64Array:
-    """The D50 white, (3,), against which bands are 1."""
-    return np.array(WHITE_XYZ_D50)

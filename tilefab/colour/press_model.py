@@ -1,91 +1,174 @@
-"""What colour inks fire to: a smooth model from ink fractions to Lab, fitted to measured patches.
+"""What colour inks fire to: physics, what physics leaves over, and how the kiln has drifted since.
 
-A polyharmonic spline (radial functions of the distance between ink recipes, and a linear part) passes near
-every measured patch. How near, and whether the functions are cubic or linear in the distance, is chosen by
-leaving each patch out in turn, so the error it reports is for colours it has not seen.
+A recipe's inks are first moved by the drift of kiln and heads (none in a fresh model), then go through the
+Yule-Nielsen modified Neugebauer model of `tilefab.colour.neugebauer`, to which the smooth residual of
+`tilefab.colour.residual` is added. Both are fitted together to measured patches; the error that the model reports of
+itself is for patches it has not seen.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_solve, cholesky, solve_triangular
 
+from tilefab import rng
+from tilefab.colour.neugebauer import NeugebauerFit, fit_neugebauer, neugebauer_at, predict_with_slopes, refine
+from tilefab.colour.residual import Covariance, Evidence, add_residual, fit_covariance
 from tilefab.colour.spaces import delta_e_2000
 from tilefab.jit import kernel
 
 Float64Array = NDArray[np.float64]
 
-_POWERS = (1, 3)
-_SMOOTHINGS = (1e-6, 1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
 _SAME_RECIPE = 5e-5
+_FIRST_NOISE, _FIRST_MISFIT = 0.3, 0.45
+_ROUNDS = 2
+_COVARIANCE_STEPS = 20
+_REFINE_STEPS = 6
+_JUDGED_PATCHES = 500
+
+
+class PressArrays(NamedTuple):
+    """A press model as kernels take it; shapes for N inks and P patches.
+
+    ``curves`` (N, 3, 3), ``primaries`` (2**N, 3) and ``factor`` are the physics; ``centres`` (N, P), ``strengths``
+    (3, P), ``reach`` (N,), ``weight`` (N,) and ``growth`` the residual; ``gain`` (N,), ``bend`` (N,), ``shift`` (3,)
+    and ``tint`` (3, N) the drift: an ink fraction x prints as ``x (1 + gain) + bend x (1 - x)``, and
+    ``shift + tint @ x`` is added to Lab.
+    """
+
+    curves: Float64Array
+    primaries: Float64Array
+    factor: float
+    centres: Float64Array
+    strengths: Float64Array
+    reach: Float64Array
+    weight: Float64Array
+    growth: float
+    gain: Float64Array
+    bend: Float64Array
+    shift: Float64Array
+    tint: Float64Array
+
+
+class PressWork(NamedTuple):
+    """Work space of `press_at`, made by `press_work`."""
+
+    printed: Float64Array
+    level: Float64Array
+    adjoint: Float64Array
+    by_curve: Float64Array
+    by_primary: Float64Array
+    by_factor: Float64Array
+    whole: Float64Array
+    slopes: Float64Array
 
 
 @kernel
-def evaluate_at(
-    ink: Float64Array,
-    centres: Float64Array,
-    weights: Float64Array,
-    drift: Float64Array,
-    power: int,
-    lab: Float64Array,
-    jacobian: Float64Array,
-) -> None:
+def press_work(press: PressArrays) -> PressWork:
+    """Work space for one thread."""
+    inks, patches = press.centres.shape
+    corners = press.primaries.shape[0]
+    return PressWork(
+        np.empty(inks),
+        np.empty(2 * corners),
+        np.empty(2 * corners),
+        np.empty((inks, 3, 3)),
+        np.empty((corners, 3)),
+        np.empty(3),
+        np.empty(patches),
+        np.empty((inks, patches)),
+    )
+
+
+@kernel
+def press_at(ink: Float64Array, press: PressArrays, work: PressWork, lab: Float64Array, jacobian: Float64Array) -> None:
     """Colour and its slopes at one recipe.
 
     Parameters
     ----------
     ink
         (N,) ink fractions.
-    centres, weights
-        (P, N) and (P, 3): places and strengths of the radial functions.
-    drift
-        (N + 1, 3): constant, then the slope for each ink.
-    power
-        1 or 3: the functions are ``-r`` or ``r**3``.
+    press, work
+        The model and its work space.
     lab, jacobian
         (3,) and (3, N), overwritten.
     """
     inks = ink.shape[0]
+    for i in range(inks):
+        work.printed[i] = ink[i] * (1.0 + press.gain[i]) + press.bend[i] * ink[i] * (1.0 - ink[i])
+    neugebauer_at(
+        work.printed,
+        press.curves,
+        press.primaries,
+        press.factor,
+        lab,
+        jacobian,
+        work.level,
+        work.adjoint,
+        work.by_curve,
+        work.by_primary,
+        work.by_factor,
+    )
+    add_residual(
+        work.printed,
+        press.centres,
+        press.strengths,
+        press.reach,
+        press.weight,
+        press.growth,
+        lab,
+        jacobian,
+        work.whole,
+        work.slopes,
+    )
     for k in range(3):
-        value = drift[0, k]
+        lab[k] += press.shift[k]
         for i in range(inks):
-            value += drift[i + 1, k] * ink[i]
-            jacobian[k, i] = drift[i + 1, k]
-        lab[k] = value
-    for p in range(centres.shape[0]):
-        squared = 0.0
-        for i in range(inks):
-            squared += (ink[i] - centres[p, i]) ** 2
-        distance = np.sqrt(squared)
-        if power == 3:
-            value = squared * distance
-            slope = 3.0 * distance
-        else:
-            value = -distance
-            slope = -1.0 / max(distance, 1e-9)
-        for k in range(3):
-            lab[k] += weights[p, k] * value
-        for i in range(inks):
-            pull = slope * (ink[i] - centres[p, i])
-            for k in range(3):
-                jacobian[k, i] += weights[p, k] * pull
+            lab[k] += press.tint[k, i] * ink[i]
+            jacobian[k, i] *= 1.0 + press.gain[i] + press.bend[i] * (1.0 - 2.0 * ink[i])
+            jacobian[k, i] += press.tint[k, i]
 
 
 @kernel
-def evaluate_rows(
-    inks: Float64Array,
-    centres: Float64Array,
-    weights: Float64Array,
-    drift: Float64Array,
-    power: int,
-    lab: Float64Array,
-    jacobian: Float64Array,
-) -> None:
-    """`evaluate_at` for every row: inks (M, N), lab (M, 3), jacobian (M, 3, N)."""
+def press_rows(inks: Float64Array, press: PressArrays, lab: Float64Array, jacobian: Float64Array) -> None:
+    """`press_at` for every row: inks (M, N), lab (M, 3), jacobian (M, 3, N)."""
+    work = press_work(press)
     for row in range(inks.shape[0]):
-        evaluate_at(inks[row], centres, weights, drift, power, lab[row], jacobian[row])
+        press_at(inks[row], press, work, lab[row], jacobian[row])
+
+
+@dataclass(frozen=True)
+class ModelErrors:
+    """How near a model comes to patches; colour differences are CIEDE2000.
+
+    Attributes
+    ----------
+    fit_mean, fit_p95
+        Between the model and the patches it was fitted to.
+    held_out_mean, held_out_p95
+        Between every patch and the model as it would be without it; the patch's own noise included.
+    expected_mean
+        Between the model and the press itself, the noise of measurements taken off; an estimate.
+    noise
+        Spread of a single reading of L*, a* and b* about the model, in Lab units.
+    repeat_noise
+        The same from recipes that were measured more than once; None without any.
+    held_out
+        (P,) difference of each patch, in the order of the measurements.
+    """
+
+    fit_mean: float
+    fit_p95: float
+    held_out_mean: float
+    held_out_p95: float
+    expected_mean: float
+    noise: float
+    repeat_noise: float | None
+    held_out: Float64Array = field(repr=False)
 
 
 @dataclass(frozen=True)
@@ -94,47 +177,37 @@ class PressModel:
 
     Attributes
     ----------
-    centres
-        (P, N) distinct measured recipes, ink fractions.
-    weights
-        (P, 3) strengths of their radial functions, in Lab.
-    drift
-        (N + 1, 3) constant and linear part.
-    power
-        1 or 3: radial functions ``-r`` or ``r**3``.
-    smoothing
-        The smoothing that was chosen; 0 would pass exactly through every patch.
+    arrays
+        The model as kernels take it.
     max_total
         Largest ink sum among the patches: beyond it the model is a guess.
-    fit_mean, fit_p95
-        CIEDE2000 between model and patches, mean and 95th percentile.
-    held_out_mean, held_out_p95
-        The same for every patch from a model fitted without it.
+    errors
+        How good it is.
     """
 
-    centres: Float64Array = field(repr=False)
-    weights: Float64Array = field(repr=False)
-    drift: Float64Array = field(repr=False)
-    power: int
-    smoothing: float
+    arrays: PressArrays = field(repr=False)
     max_total: float
-    fit_mean: float
-    fit_p95: float
-    held_out_mean: float
-    held_out_p95: float
+    errors: ModelErrors
 
     @property
     def inks(self) -> int:
         """Number of inks."""
-        return int(self.centres.shape[1])
+        return len(self.arrays.reach)
 
-    def _evaluate(self, ink_frac: NDArray[np.floating]) -> tuple[Float64Array, Float64Array]:
+    def lab_and_slopes(self, ink_frac: NDArray[np.floating]) -> tuple[Float64Array, Float64Array]:
+        """Absolute Lab (M, 3) under D50 of recipes (M, N), and its slopes (M, 3, N) in Lab units a whole ink.
+
+        Raises
+        ------
+        ValueError
+            If the shape is not (M, inks).
+        """
         inks = np.ascontiguousarray(ink_frac, dtype=np.float64)
         if inks.ndim != 2 or inks.shape[1] != self.inks:
             raise ValueError(f"ink_frac must be (M, {self.inks}), but its shape is {inks.shape}")
         lab = np.empty((inks.shape[0], 3))
         jacobian = np.empty((inks.shape[0], 3, self.inks))
-        evaluate_rows(inks, self.centres, self.weights, self.drift, self.power, lab, jacobian)
+        press_rows(inks, self.arrays, lab, jacobian)
         return lab, jacobian
 
     def lab(self, ink_frac: NDArray[np.floating]) -> Float64Array:
@@ -145,33 +218,39 @@ class PressModel:
         ValueError
             If the shape is not (M, inks).
         """
-        return self._evaluate(ink_frac)[0]
+        return self.lab_and_slopes(ink_frac)[0]
 
-    def jacobian(self, ink_frac: NDArray[np.floating]) -> Float64Array:
-        """Slopes of Lab for each ink, (M, 3, N) float64 in Lab units a whole ink, at recipes (M, N).
+    @property
+    def white_lab(self) -> Float64Array:
+        """(3,) absolute Lab of the unprinted tile."""
+        return np.asarray(self.lab(np.zeros((1, self.inks)))[0])
 
-        Raises
-        ------
-        ValueError
-            If the shape is not (M, inks).
-        """
-        return self._evaluate(ink_frac)[1]
+    def with_drift(self, gain: Float64Array, bend: Float64Array, shift: Float64Array, tint: Float64Array) -> PressModel:
+        """The same press after its kiln has drifted; see `PressArrays` for what the arguments mean."""
+        return replace(self, arrays=self.arrays._replace(gain=gain, bend=bend, shift=shift, tint=tint))
 
 
-def _merge_duplicates(ink_frac: Float64Array, lab: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """Distinct recipes in a fixed order, the mean colour of each, and how often it was measured."""
+@dataclass(frozen=True)
+class _Patches:
+    """Distinct recipes in a fixed order, their mean colours, how often each was measured, and each row's recipe."""
+
+    recipes: Float64Array
+    lab: Float64Array
+    counts: Float64Array
+    rows: NDArray[np.int64]
+
+
+def merge_repeats(ink_frac: Float64Array, lab_d50: Float64Array) -> _Patches:
+    """Average patches of one recipe."""
     rounded = np.round(ink_frac / _SAME_RECIPE).astype(np.int64)
     keys, inverse, counts = np.unique(rounded, axis=0, return_inverse=True, return_counts=True)
     inverse = inverse.reshape(-1)
     recipes = np.zeros((len(keys), ink_frac.shape[1]))
     colours = np.zeros((len(keys), 3))
     np.add.at(recipes, inverse, ink_frac)
-    np.add.at(colours, inverse, lab)
-    return recipes / counts[:, np.newaxis], colours / counts[:, np.newaxis], counts.astype(np.float64)
-
-
-def _radial(distance: Float64Array, power: int) -> Float64Array:
-    return distance**3 if power == 3 else -distance
+    np.add.at(colours, inverse, lab_d50)
+    weight = counts[:, np.newaxis]
+    return _Patches(recipes / weight, colours / weight, counts.astype(np.float64), inverse)
 
 
 def fit_press_model(ink_frac: NDArray[np.floating], lab: NDArray[np.floating]) -> PressModel:
@@ -180,7 +259,7 @@ def fit_press_model(ink_frac: NDArray[np.floating], lab: NDArray[np.floating]) -
     Parameters
     ----------
     ink_frac
-        (P, N) ink fractions, 0 to 1. Recipes measured more than once are averaged and trusted more.
+        (P, N) ink fractions, 0 to 1, N 1 to 8. Recipes measured more than once are averaged and trusted more.
     lab
         (P, 3) measured absolute Lab under D50.
 
@@ -194,10 +273,16 @@ def fit_press_model(ink_frac: NDArray[np.floating], lab: NDArray[np.floating]) -
         If shapes don't match, a value is not finite, or there are too few distinct recipes to hold the model
         (fewer than 4 (N + 1), or all in one plane).
 
+    Notes
+    -----
+    Physics and residual are one Gaussian process: the physics' parameters have a prior, the residual a covariance. The
+    covariance is fitted to at most 500 patches, with the physics taken as straight in its parameters; then the physics
+    anew to all patches, errors weighed by that covariance; twice.
+
     References
     ----------
-    J. Duchon, "Splines minimizing rotation-invariant semi-norms in Sobolev spaces" (1977); the leave-one-out
-    residual ``c_i / inverse_ii`` by G. Wahba, "Spline Models for Observational Data" (1990), section 4.2.
+    `tilefab.colour.neugebauer`, `tilefab.colour.residual`; the leave-one-out residual ``[inverse y]_i / inverse_ii``
+    by C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine Learning" (2006), equation 5.12.
     """
     inks = np.asarray(ink_frac, dtype=np.float64)
     colours = np.asarray(lab, dtype=np.float64)
@@ -205,48 +290,106 @@ def fit_press_model(ink_frac: NDArray[np.floating], lab: NDArray[np.floating]) -
         raise ValueError(f"ink_frac {inks.shape} and lab {colours.shape} must be (P, N) and (P, 3)")
     if not (np.isfinite(inks).all() and np.isfinite(colours).all()):
         raise ValueError("ink_frac and lab must be finite")
-    recipes, means, counts = _merge_duplicates(inks, colours)
-    patches, size = recipes.shape
-    linear = np.hstack([np.ones((patches, 1)), recipes])
-    if patches < 4 * (size + 1) or np.linalg.matrix_rank(linear) < size + 1:
-        raise ValueError(f"{patches} distinct recipes of {size} inks are too few or too alike to fit a press model")
+    patches = merge_repeats(inks, colours)
+    count, size = patches.recipes.shape
+    linear = np.hstack([np.ones((count, 1)), patches.recipes])
+    if count < 4 * (size + 1) or np.linalg.matrix_rank(linear) < size + 1:
+        raise ValueError(f"{count} distinct recipes of {size} inks are too few or too alike to fit a press model")
 
-    distance = np.sqrt(((recipes[:, np.newaxis, :] - recipes[np.newaxis, :, :]) ** 2).sum(axis=-1))
-    wanted = np.vstack([means, np.zeros((size + 1, 3))])
-    best: tuple[float, int, float, Float64Array, Float64Array] | None = None
-    for power in _POWERS:
-        system = np.zeros((patches + size + 1, patches + size + 1))
-        system[:patches, :patches] = _radial(distance, power)
-        system[:patches, patches:] = linear
-        system[patches:, :patches] = linear.T
-        diagonal = np.arange(patches)
-        base = system[diagonal, diagonal].copy()
-        for smoothing in _SMOOTHINGS:
-            system[diagonal, diagonal] = base + smoothing / counts
-            inverse = np.linalg.inv(system)
-            solution = inverse @ wanted
-            left_out = solution[:patches] / inverse[diagonal, diagonal][:, np.newaxis]
-            errors = delta_e_2000(means - left_out, means)
-            score = float(errors.mean())
-            if best is None or score < best[0]:
-                best = (score, power, smoothing, solution, errors)
-    if best is None:
-        raise ValueError("no press model could be fitted")
-    _, power, smoothing, solution, errors = best
+    misfit = np.full(count, _FIRST_MISFIT)
+    physics = fit_neugebauer(patches.recipes, patches.lab, misfit)
+    judged = np.arange(count)
+    if count > _JUDGED_PATCHES:
+        judged = np.sort(rng.generator(0, "patches that judge the covariance").permutation(count)[:_JUDGED_PATCHES])
+    noise = _FIRST_NOISE
+    for _ in range(_ROUNDS):
+        part = _Patches(patches.recipes[judged], patches.lab[judged], patches.counts[judged], judged)
+        covariance = fit_covariance(_evidence(physics, part, noise), _COVARIANCE_STEPS)
+        noise = covariance.noise
+        whiten = _whitening(physics, patches, covariance)
+        physics = refine(physics, patches.recipes, patches.lab, whiten, misfit, _REFINE_STEPS, covariance.trust)
+    return _assembled(physics, patches, covariance, inks, colours)
 
-    model = PressModel(
-        centres=np.ascontiguousarray(recipes),
-        weights=np.ascontiguousarray(solution[:patches]),
-        drift=np.ascontiguousarray(solution[patches:]),
-        power=power,
-        smoothing=smoothing,
-        max_total=float(inks.sum(axis=1).max()),
-        fit_mean=0.0,
-        fit_p95=0.0,
-        held_out_mean=float(errors.mean()),
-        held_out_p95=float(np.percentile(errors, 95)),
+
+def _evidence(physics: NeugebauerFit, patches: _Patches, noise: float) -> Evidence:
+    lab, slopes = predict_with_slopes(physics, patches.recipes)
+    # Taken as straight, the physics could still move back to where its parameters are expected.
+    misses = patches.lab - lab + np.einsum("kpq,q->pk", slopes, physics.parameters)
+    return Evidence(patches.recipes, misses, patches.counts, lab[:, 0], slopes, noise)
+
+
+def _smooth(physics: NeugebauerFit, patches: _Patches, covariance: Covariance) -> Float64Array:
+    """Correlation of residuals, growth included."""
+    grown = covariance.grown(predict_with_slopes(physics, patches.recipes)[0][:, 0])
+    return covariance.alike(patches.recipes, patches.recipes) * grown[:, np.newaxis] * grown
+
+
+def _whitening(
+    physics: NeugebauerFit, patches: _Patches, covariance: Covariance
+) -> tuple[Float64Array, Float64Array, Float64Array]:
+    alike = _smooth(physics, patches, covariance)
+    scatter = np.diag(covariance.scatter(patches.counts))
+    unit = np.eye(len(alike))
+    first, second, third = (
+        solve_triangular(cholesky(covariance.size[k] ** 2 * alike + scatter, lower=True), unit, lower=True)
+        for k in range(3)
     )
-    residual = delta_e_2000(model.lab(inks), colours)
-    object.__setattr__(model, "fit_mean", float(residual.mean()))
-    object.__setattr__(model, "fit_p95", float(np.percentile(residual, 95)))
-    return model
+    return first, second, third
+
+
+def _assembled(
+    physics: NeugebauerFit, patches: _Patches, covariance: Covariance, inks: Float64Array, colours: Float64Array
+) -> PressModel:
+    """The model of a fit, with its errors."""
+    lab, slopes = predict_with_slopes(physics, patches.recipes)
+    grown = covariance.grown(lab[:, 0])
+    alike = covariance.alike(patches.recipes, patches.recipes) * grown[:, np.newaxis] * grown
+    scatter = covariance.scatter(patches.counts)
+    count, size = patches.recipes.shape
+    misses = patches.lab - lab
+    free = misses + np.einsum("kpq,q->pk", slopes, physics.parameters)
+    strengths = np.empty((3, count))
+    left_out = np.empty((count, 3))
+    spread = np.empty((count, 3))
+    whole = float(np.prod(1.0 + covariance.weight))
+    for k in range(3):
+        smooth = covariance.size[k] ** 2 * alike + np.diag(scatter)
+        pull = cho_solve((cholesky(smooth, lower=True), True), misses[:, k])
+        strengths[k] = covariance.size[k] ** 2 / whole * grown * pull
+        total = smooth + covariance.trust**2 * (slopes[k] @ slopes[k].T)
+        inverse = cho_solve((cholesky(total, lower=True), True), np.eye(count))
+        left_out[:, k] = (inverse @ free[:, k]) / np.diag(inverse)
+        spread[:, k] = np.sqrt(np.maximum(1.0 / np.diag(inverse) - scatter, 0.0))
+    arrays = PressArrays(
+        physics.model.curves,
+        physics.model.primaries,
+        physics.model.factor,
+        np.ascontiguousarray(patches.recipes.T),
+        strengths,
+        covariance.reach,
+        covariance.weight,
+        covariance.growth,
+        np.zeros(size),
+        np.zeros(size),
+        np.zeros(3),
+        np.zeros((3, size)),
+    )
+    model_lab = np.empty((len(inks), 3))
+    press_rows(inks, arrays, model_lab, np.empty((len(inks), 3, size)))
+    residual = delta_e_2000(model_lab, colours)
+    unseen = delta_e_2000((patches.lab - left_out)[patches.rows], colours)
+    steps = [delta_e_2000(patches.lab + spread[:, [k]] * np.eye(3)[k], patches.lab) for k in range(3)]
+    expected = np.sqrt(np.square(steps).sum(axis=0))
+    repeats = colours - patches.lab[patches.rows]
+    degrees = int(patches.counts.sum() - count)
+    errors = ModelErrors(
+        fit_mean=float(residual.mean()),
+        fit_p95=float(np.percentile(residual, 95)),
+        held_out_mean=float(unseen.mean()),
+        held_out_p95=float(np.percentile(unseen, 95)),
+        expected_mean=float(expected.mean()),
+        noise=covariance.noise,
+        repeat_noise=float(np.sqrt((repeats**2).sum() / (3 * degrees))) if degrees else None,
+        held_out=np.asarray(unseen),
+    )
+    return PressModel(arrays, float(inks.sum(axis=1).max()), errors)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tilefab.colour.press_model import PressModel, evaluate_at
+from tilefab.colour.press_model import PressArrays, PressModel, press_at, press_work
 from tilefab.colour.qp import bounded_step
 from tilefab.jit import kernel
 
@@ -22,6 +22,8 @@ Float64Array = NDArray[np.float64]
 
 _SLICE_COLOURS = 512
 _DARK_NEUTRALITY = 4.0
+_FIRST_DAMPING = 1.0
+_SMALL_STEP = 1e-5
 
 
 @dataclass(frozen=True)
@@ -62,16 +64,14 @@ def solve_rows(
     start: Float64Array,
     anchor: Float64Array,
     pull: Float64Array,
+    price: Float64Array,
     upper: Float64Array,
     total_limit: float,
-    centres: Float64Array,
-    weights: Float64Array,
-    drift: Float64Array,
-    power: int,
+    press: PressArrays,
     iterations: int,
     ink_frac: Float64Array,
 ) -> None:
-    """Minimise ``|metric (model(ink) - lab)|^2 + sum(pull (ink - anchor)^2)`` within the limits.
+    """Minimise ``|metric (model(ink) - lab)|^2 + sum(pull (ink - anchor)^2) + 2 sum(price ink)`` within the limits.
 
     Every row alone, by Levenberg-Marquardt with exact bounded steps.
 
@@ -81,16 +81,19 @@ def solve_rows(
         (M, 3) wanted colours; (M, 3, 3) matrices that turn a Lab error into the one to make small.
     start, anchor, pull
         (M, N) feasible starting points, (M, N) wishes, (M, N) their weights.
+    price
+        (N,) what a whole ink costs.
     upper, total_limit
-        (N,) largest fraction of each ink, and largest sum.
-    centres, weights, drift, power
-        The press model, see `tilefab.colour.press_model.evaluate_at`.
+        (M, N) largest fraction of each ink, and largest sum.
+    press
+        The press model, see `tilefab.colour.press_model.press_at`.
     iterations
         Most steps for a colour.
     ink_frac
         (M, N), receives the solution.
     """
     inks = start.shape[1]
+    work = press_work(press)
     lab = np.empty(3)
     jacobian = np.empty((3, inks))
     trial_jacobian = np.empty((3, inks))
@@ -105,7 +108,7 @@ def solve_rows(
     trial = np.empty(inks)
     for row in range(lab_d50.shape[0]):
         here[:] = start[row]
-        evaluate_at(here, centres, weights, drift, power, lab, jacobian)
+        press_at(here, press, work, lab, jacobian)
         cost = 0.0
         for k in range(3):
             residual[k] = 0.0
@@ -113,8 +116,8 @@ def solve_rows(
                 residual[k] += metric[row, k, m] * (lab[m] - lab_d50[row, m])
             cost += residual[k] ** 2
         for i in range(inks):
-            cost += pull[row, i] * (here[i] - anchor[row, i]) ** 2
-        damping = 1.0
+            cost += pull[row, i] * (here[i] - anchor[row, i]) ** 2 + 2.0 * price[i] * here[i]
+        damping = _FIRST_DAMPING
         for _ in range(iterations):
             for k in range(3):
                 for i in range(inks):
@@ -123,7 +126,7 @@ def solve_rows(
                         weighted[k, i] += metric[row, k, m] * jacobian[m, i]
             room = total_limit
             for i in range(inks):
-                grad[i] = pull[row, i] * (here[i] - anchor[row, i])
+                grad[i] = pull[row, i] * (here[i] - anchor[row, i]) + price[i]
                 for k in range(3):
                     grad[i] += weighted[k, i] * residual[k]
                 for j in range(inks):
@@ -132,14 +135,14 @@ def solve_rows(
                         hess[i, j] += weighted[k, i] * weighted[k, j]
                 hess[i, i] += pull[row, i] + damping
                 lower_step[i] = min(-here[i], 0.0)
-                upper_step[i] = max(upper[i] - here[i], 0.0)
+                upper_step[i] = max(upper[row, i] - here[i], 0.0)
                 room -= here[i]
             bounded_step(hess, grad, lower_step, upper_step, max(room, 0.0), step)
             longest = 0.0
             for i in range(inks):
-                trial[i] = min(max(here[i] + step[i], 0.0), upper[i])
+                trial[i] = min(max(here[i] + step[i], 0.0), upper[row, i])
                 longest = max(longest, abs(step[i]))
-            evaluate_at(trial, centres, weights, drift, power, lab, trial_jacobian)
+            press_at(trial, press, work, lab, trial_jacobian)
             trial_cost = 0.0
             for k in range(3):
                 value = 0.0
@@ -147,7 +150,7 @@ def solve_rows(
                     value += metric[row, k, m] * (lab[m] - lab_d50[row, m])
                 trial_cost += value**2
             for i in range(inks):
-                trial_cost += pull[row, i] * (trial[i] - anchor[row, i]) ** 2
+                trial_cost += pull[row, i] * (trial[i] - anchor[row, i]) ** 2 + 2.0 * price[i] * trial[i]
             if trial_cost < cost:
                 cost = trial_cost
                 here[:] = trial
@@ -159,7 +162,7 @@ def solve_rows(
                 damping = max(damping * 0.2, 1e-4)
             else:
                 damping *= 8.0
-            if longest < 2e-6 or damping > 1e10:
+            if longest < _SMALL_STEP or damping > 1e10:
                 break
         ink_frac[row] = here
 
@@ -247,6 +250,8 @@ class Separator:
         first = self._feasible(np.array(start, dtype=np.float64))
         out = np.empty_like(first)
         model = self.model
+        price = np.zeros(model.inks)
+        upper = np.broadcast_to(self.upper, first.shape).copy()
 
         def one(part: slice) -> None:
             solve_rows(
@@ -255,12 +260,10 @@ class Separator:
                 first[part],
                 anchor[part],
                 pull[part],
-                self.upper,
+                price,
+                upper[part],
                 self.settings.total_limit,
-                model.centres,
-                model.weights,
-                model.drift,
-                model.power,
+                model.arrays,
                 iterations,
                 out[part],
             )
