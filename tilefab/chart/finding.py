@@ -31,7 +31,7 @@ _SIDE_RATIO = 1.6
 _LEAST_CONTRAST = 0.08
 _LEAST_MARKS = 3
 _EDGE_POINTS = 48
-_EDGE_STEPS = 41
+_EDGE_STEPS, _MOST_EDGE_STEPS = 41, 801
 _EDGE_REACH = 0.85
 _MOST_RESIDUAL_MODULES = 0.35
 
@@ -277,11 +277,12 @@ def _refine(grey: NDArray[np.float32], quad: Float64Array) -> Float64Array:
         along = (end - start) / length
         outward = np.array([along[1], -along[0]])  # the corners run clockwise, with y down
         reach = _EDGE_REACH * length / MODULES
-        across = np.linspace(-reach, reach, _EDGE_STEPS)
+        # Steps of half a pixel, or an edge that is sharper would be put anywhere between two of them.
+        across = np.linspace(-reach, reach, int(np.clip(4.0 * reach, _EDGE_STEPS, _MOST_EDGE_STEPS)))
         down = np.linspace(0.08, 0.92, _EDGE_POINTS) * length
         points = start + down[:, np.newaxis, np.newaxis] * along + across[:, np.newaxis] * outward
         level = _at(grey, points)
-        quarter = _EDGE_STEPS // 4
+        quarter = len(across) // 4
         dark, light = float(np.median(level[:, :quarter])), float(np.median(level[:, -quarter:]))
         above = level >= (dark + light) / 2.0
         first = np.argmax(above, axis=1)

@@ -26,7 +26,7 @@ _MARK_TOTAL = 2.4
 _LABEL_MM = 3.0
 _LEAST_PATCH_PX = 12
 _APART_CELLS = 3.0
-_TRIES = 60
+_TRIES = 400
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,8 @@ from rich.table import Table
 from rich.text import Text
 
 from tilefab.cli.common import JsonOption, print_json
-from tilefab.pipeline.chart_reading import PatchNote, ReadingReport, ScanNote, read_chart
+from tilefab.pipeline.chart_colours import PatchNote, ScanNote
+from tilefab.pipeline.chart_reading import ReadingReport, read_chart
 from tilefab.pipeline.charts import CMYK_NAMES, ChartReport, ChartSettings, make_chart
 from tilefab.types import SizeMm
 

@@ -50,10 +50,21 @@ def show_outcome(facts: Mapping[str, Any]) -> None:
             ("faces", f"{facts['written']} written, {facts['kept']} there already"),
             ("report", str(facts["report"] or "none")),
             ("texture map", str(facts["texture_map"])[:16]),
+            ("colour", _colour_text(facts["colour"])),
             *((str(entry["step"]).lower(), str(entry["what"])) for entry in facts["preparation"]),
         ],
     )
     _warn(facts["warnings"])
+
+
+def _colour_text(colour: Mapping[str, Any]) -> str:
+    beyond = f"{100 * colour['out_of_gamut_share']:.1f} % of the stone is out of gamut"
+    if colour["out_of_gamut_share"]:
+        beyond += f", by ΔE00 {colour['out_of_gamut_mean']:.1f} (95 %: {colour['out_of_gamut_p95']:.1f})"
+    return (
+        f"ΔE00 {colour['delta_e_mean']:.2f} to the stone (95 %: {colour['delta_e_p95']:.2f}); {beyond}; "
+        f"ink {colour['mean_total_ink_percent']:.0f} % (at most {colour['max_total_ink_percent']:.0f} %)"
+    )
 
 
 def _warn(warnings: Iterable[str]) -> None:

@@ -1,18 +1,22 @@
 """From wanted colours to inks: the press model turned round, under ink limits.
 
-Four inks make most colours in many ways. Among them the solver takes the one whose black is nearest to a wish
-that grows towards dark and neutral colours, and that agrees with its neighbours in colour space, so that
-smooth stone stays smooth. Colours that the press can't make become the nearest ones, hue before chroma.
+Three inks or more make most colours in many ways. Which of them is taken is a matter of style: `standard` wishes for
+black that grows towards dark and neutral colours, as printers are used to; `least_ink` takes the cheapest recipe at the
+prices given. Both keep black out of the highlights, where its dots would show as grain, and both agree with their
+neighbours in colour space, so that smooth stone stays smooth. Colours that the press can't make become the nearest
+ones, hue before chroma.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from tilefab.colour.press_model import PressArrays, PressModel, press_at, press_work
 from tilefab.colour.qp import bounded_step
@@ -20,10 +24,19 @@ from tilefab.jit import kernel
 
 Float64Array = NDArray[np.float64]
 
+SeparationStyle = Literal["standard", "least_ink"]
+"""How one of many recipes for a colour is chosen."""
+
 _SLICE_COLOURS = 512
 _DARK_NEUTRALITY = 4.0
 _FIRST_DAMPING = 1.0
 _SMALL_STEP = 1e-5
+_COARSEST_NODES = 11
+_LEAST_INK_PRICE = 0.5
+_STANDARD_PRICE = 0.03
+_SPARING = 0.05
+_SMOOTHING_ROUNDS = 3
+_AGREEMENT = 0.5
 
 
 @dataclass(frozen=True)
@@ -38,12 +51,19 @@ class SeparationSettings:
         Largest fraction of each ink; None is 1 for all.
     black_channel
         Index of the black ink; None where there is none.
+    style
+        ``"standard"`` or ``"least_ink"``.
+    prices
+        What each ink costs, in any unit; None is the same for all. Only their ratios matter.
     black_start
-        Share of the way from white to the darkest colour, 0 to 1, at which black is first wished for.
+        Share of the way from white to the darkest colour, 0 to 1, at which black is first wished for (standard).
     black_most
-        Black wished for in the darkest neutral, ink fraction.
+        Black wished for in the darkest neutral, ink fraction (standard).
     black_chroma
-        Chroma at which the wish for black has fallen to about a third.
+        Chroma at which the wish for black has fallen to about a third (standard).
+    grain_start, grain_end
+        Shares of the way from white to the darkest colour at which black is first allowed, and at which it is allowed
+        in full.
     hue_weight
         Weight of hue errors against chroma errors of colours out of gamut, above 1.
     """
@@ -51,9 +71,13 @@ class SeparationSettings:
     total_limit: float
     ink_limits: tuple[float, ...] | None = None
     black_channel: int | None = 3
+    style: SeparationStyle = "standard"
+    prices: tuple[float, ...] | None = None
     black_start: float = 0.25
     black_most: float = 0.95
     black_chroma: float = 28.0
+    grain_start: float = 0.08
+    grain_end: float = 0.35
     hue_weight: float = 2.0
 
 
@@ -187,13 +211,23 @@ def error_metric(lab_d50: Float64Array, hue_weight: float) -> Float64Array:
     return metric
 
 
-def black_wish(lab_d50: Float64Array, white_l: float, dark_l: float, settings: SeparationSettings) -> Float64Array:
-    """Black wished for, (M,) ink fractions, for colours (M, 3): most in the dark neutrals."""
-    depth = np.clip((white_l - lab_d50[:, 0]) / max(white_l - dark_l, 1e-6), 0.0, 1.0)
+def black_wish(depth: Float64Array, chroma: Float64Array, settings: SeparationSettings) -> Float64Array:
+    """Black wished for, (M,) ink fractions: most in the dark neutrals.
+
+    Parameters
+    ----------
+    depth, chroma
+        (M,) share of the way from white to the darkest colour, and chroma.
+    """
     way = np.clip((depth - settings.black_start) / (1.0 - settings.black_start), 0.0, 1.0)
-    chroma = np.hypot(lab_d50[:, 1], lab_d50[:, 2])
     fade = np.exp(-((chroma / settings.black_chroma) ** 2))
     return np.asarray(settings.black_most * way * way * (3.0 - 2.0 * way) * fade, dtype=np.float64)
+
+
+def black_cap(depth: Float64Array, settings: SeparationSettings) -> Float64Array:
+    """Black allowed, (M,) ink fractions, at a share ``depth`` (M,) of the way from white to the darkest colour."""
+    way = np.clip((depth - settings.grain_start) / (settings.grain_end - settings.grain_start), 0.0, 1.0)
+    return np.asarray(way * way * (3.0 - 2.0 * way), dtype=np.float64)
 
 
 class Separator:
@@ -204,20 +238,23 @@ class Separator:
     model
         The fitted press.
     settings
-        Limits and wishes.
+        Limits and style.
     threads
         Number of threads, 1 or more; never changes a result.
 
     Raises
     ------
     ValueError
-        If a limit is not above zero, or does not fit the model's inks.
+        If a limit or price is not above zero, or does not fit the model's inks.
     """
 
     def __init__(self, model: PressModel, settings: SeparationSettings, *, threads: int = 1) -> None:
         limits = settings.ink_limits or (1.0,) * model.inks
         if len(limits) != model.inks or not all(0.0 < limit <= 1.0 for limit in limits):
             raise ValueError(f"ink_limits {limits} must be {model.inks} fractions above 0, up to 1")
+        prices = settings.prices or (1.0,) * model.inks
+        if len(prices) != model.inks or not all(0.0 < price < np.inf for price in prices):
+            raise ValueError(f"prices {prices} must be {model.inks} numbers above 0")
         if not settings.total_limit > 0.0:
             raise ValueError(f"total_limit {settings.total_limit} must be above 0")
         if settings.black_channel is not None and not 0 <= settings.black_channel < model.inks:
@@ -226,13 +263,15 @@ class Separator:
         self.settings = settings
         self.threads = max(threads, 1)
         self.upper = np.array(limits, dtype=np.float64)
-        white = model.lab(np.zeros((1, model.inks)))[0]
-        self.white_l = float(white[0])
+        self.prices = np.array(prices, dtype=np.float64) / np.mean(prices)
+        self.white_lab = model.white_lab
         # The darkest print that is still near neutral: colour counts more than lightness.
         metric = np.diag([1.0, _DARK_NEUTRALITY, _DARK_NEUTRALITY])[np.newaxis]
         middle = np.full((1, model.inks), min(0.5, settings.total_limit / model.inks / 2.0)) * self.upper
-        dark = self.solve(np.zeros((1, 3)), start=middle, anchor=middle, pull=np.full_like(middle, 1e-3), metric=metric)
-        self.dark_lab = model.lab(dark)[0]
+        self.dark_ink = self.solve(
+            np.zeros((1, 3)), start=middle, anchor=middle, pull=np.full_like(middle, 1e-3), metric=metric
+        )[0]
+        self.dark_lab = np.asarray(model.lab(self.dark_ink[np.newaxis])[0])
 
     def solve(
         self,
@@ -241,17 +280,18 @@ class Separator:
         start: Float64Array,
         anchor: Float64Array,
         pull: Float64Array,
+        price: Float64Array | None = None,
+        upper: Float64Array | None = None,
         metric: Float64Array | None = None,
         iterations: int = 40,
     ) -> Float64Array:
-        """Inks (M, N) nearest to absolute Lab (M, 3), drawn to ``anchor`` with weight ``pull``."""
+        """Inks (M, N) nearest to absolute Lab (M, 3), drawn to ``anchor`` with weight ``pull``; see `solve_rows`."""
         colours = np.ascontiguousarray(lab_d50, dtype=np.float64)
         errors = error_metric(colours, self.settings.hue_weight) if metric is None else metric
-        first = self._feasible(np.array(start, dtype=np.float64))
+        most = np.broadcast_to(self.upper, start.shape).copy() if upper is None else upper
+        first = self.feasible(start, most)
+        costs = np.zeros(self.model.inks) if price is None else price
         out = np.empty_like(first)
-        model = self.model
-        price = np.zeros(model.inks)
-        upper = np.broadcast_to(self.upper, first.shape).copy()
 
         def one(part: slice) -> None:
             solve_rows(
@@ -260,10 +300,10 @@ class Separator:
                 first[part],
                 anchor[part],
                 pull[part],
-                price,
-                upper[part],
+                costs,
+                most[part],
                 self.settings.total_limit,
-                model.arrays,
+                self.model.arrays,
                 iterations,
                 out[part],
             )
@@ -277,21 +317,33 @@ class Separator:
                 list(pool.map(one, parts))
         return out
 
-    def _feasible(self, inks: Float64Array) -> Float64Array:
-        clipped = np.clip(inks, 0.0, self.upper)
+    def feasible(self, ink_frac: Float64Array, upper: Float64Array | None = None) -> Float64Array:
+        """Recipes (M, N) brought within the limits by clipping, then scaling down."""
+        clipped = np.clip(ink_frac, 0.0, self.upper if upper is None else upper)
         total = clipped.sum(axis=1, keepdims=True)
         limit = self.settings.total_limit
         return np.asarray(clipped * np.minimum(1.0, limit / np.maximum(total, limit)), dtype=np.float64)
 
-    def separate(self, lab_d50: Float64Array, shape: tuple[int, int, int] | None = None) -> Float64Array:
-        """Inks for colours, smooth over a grid of colours where ``shape`` says how they neighbour.
+    def depth(self, lab_d50: Float64Array) -> Float64Array:
+        """Share (M,) of the way from white to the darkest colour, by L*."""
+        white, dark = float(self.white_lab[0]), float(self.dark_lab[0])
+        return np.clip((white - lab_d50[:, 0]) / max(white - dark, 1e-6), 0.0, 1.0)
+
+    def limits_at(self, lab_d50: Float64Array) -> Float64Array:
+        """Largest fraction (M, N) of each ink for colours (M, 3): black is kept out of highlights."""
+        upper = np.broadcast_to(self.upper, (len(lab_d50), self.model.inks)).copy()
+        black = self.settings.black_channel
+        if black is not None:
+            upper[:, black] *= black_cap(self.depth(lab_d50), self.settings)
+        return upper
+
+    def separate(self, lab_d50: Float64Array) -> Float64Array:
+        """Inks for colours, each solved alone.
 
         Parameters
         ----------
         lab_d50
             (M, 3) absolute Lab under D50.
-        shape
-            Sizes of the grid that the colours fill in C order, their product M; None solves each alone.
 
         Returns
         -------
@@ -301,46 +353,85 @@ class Separator:
         Raises
         ------
         ValueError
-            If the shape of ``lab_d50`` or the grid doesn't fit.
+            If the shape of ``lab_d50`` doesn't fit.
         """
         colours = np.asarray(lab_d50, dtype=np.float64)
         if colours.ndim != 2 or colours.shape[1] != 3:
             raise ValueError(f"lab_d50 must be (M, 3), but its shape is {colours.shape}")
-        if shape is not None and int(np.prod(shape)) != len(colours):
-            raise ValueError(f"a grid of {shape} does not hold {len(colours)} colours")
-        inks = self.model.inks
+        depth = self.depth(colours)
+        upper = self.limits_at(colours)
+        first = np.repeat((0.5 * depth)[:, np.newaxis], self.model.inks, axis=1)
         black = self.settings.black_channel
-        wish = black_wish(colours, self.white_l, float(self.dark_lab[0]), self.settings)
-        depth = np.clip((self.white_l - colours[:, 0]) / (self.white_l - float(self.dark_lab[0])), 0.0, 1.0)
-        first = np.repeat((0.5 * depth)[:, np.newaxis], inks, axis=1)
-        if black is not None:
-            first[:, black] = wish
-        first = self._feasible(first)
-
-        # First with a strong wish, which decides among the many recipes; then the wish weakens until it no
-        # longer costs accuracy, each solution starting from the last.
+        nothing = np.zeros_like(first)
+        sparing = np.full_like(first, _SPARING)
+        if self.settings.style == "least_ink":
+            if black is not None:
+                first[:, black] = 0.5 * upper[:, black]
+            return self.solve(
+                colours, start=first, anchor=nothing, pull=sparing, price=_LEAST_INK_PRICE * self.prices, upper=upper
+            )
+        price = _STANDARD_PRICE * self.prices
+        wish = black_wish(depth, np.hypot(colours[:, 1], colours[:, 2]), self.settings)
         result = first
+        # First with a strong wish, which decides among the many recipes; then it weakens until it no longer costs
+        # accuracy.
         for strength in (30.0, 1.0):
-            anchor, pull = self._wishes(result, wish, black, strength, smooth=0.0)
-            result = self.solve(colours, start=result, anchor=anchor, pull=pull, iterations=25)
-        if shape is not None:
-            for _ in range(2):
-                near = _neighbour_mean(result.reshape(*shape, inks)).reshape(-1, inks)
-                anchor, pull = self._wishes(near, wish, black, 0.3, smooth=0.3)
-                result = self.solve(colours, start=near, anchor=anchor, pull=pull, iterations=25)
+            anchor, pull = nothing.copy(), np.full_like(first, 1e-3)
+            if black is not None:
+                if strength > 1.0:
+                    result[:, black] = wish
+                anchor[:, black] = wish
+                pull[:, black] = strength
+            result = self.solve(
+                colours, start=result, anchor=anchor, pull=pull, price=price, upper=upper, iterations=25
+            )
         return result
 
-    def _wishes(
-        self, near: Float64Array, wish: Float64Array, black: int | None, strength: float, smooth: float
-    ) -> tuple[Float64Array, Float64Array]:
-        """Anchors and weights that join the wish for black and agreement with neighbours."""
-        anchor = near.copy()
-        pull = np.full_like(near, max(smooth, 1e-3))
-        if black is not None:
-            weight = pull[:, black] + strength
-            anchor[:, black] = (pull[:, black] * near[:, black] + strength * wish) / weight
-            pull[:, black] = weight
-        return anchor, pull
+    def follow(self, lab_d50: Float64Array, near: Float64Array, *, iterations: int = 12) -> Float64Array:
+        """Inks (M, N) for colours (M, 3) that stay as near as can be to recipes (M, N) of about those colours."""
+        colours = np.asarray(lab_d50, dtype=np.float64)
+        return self.solve(
+            colours,
+            start=near,
+            anchor=near,
+            pull=np.full_like(near, _AGREEMENT),
+            upper=self.limits_at(colours),
+            iterations=iterations,
+        )
+
+    def separate_grid(self, colours_at: Callable[[int], Float64Array], nodes: int) -> Float64Array:
+        """Inks for a grid of colours, smooth from node to node.
+
+        The choice among recipes is made on a coarse grid and smoothed there; finer ones follow it, each making its own
+        colours exactly.
+
+        Parameters
+        ----------
+        colours_at
+            Gives the colours of the same box on ``n`` nodes an axis: (n**3, 3) absolute Lab in C order.
+        nodes
+            Nodes on each axis, 2 upwards.
+
+        Returns
+        -------
+        numpy.ndarray
+            (nodes, nodes, nodes, N) float64 ink fractions within the limits.
+        """
+        sizes = [nodes]
+        while sizes[0] > _COARSEST_NODES:
+            sizes.insert(0, (sizes[0] + 1) // 2)
+        inks = self.model.inks
+        size = sizes[0]
+        colours = colours_at(size)
+        result = self.separate(colours)
+        for _ in range(_SMOOTHING_ROUNDS):
+            near = neighbour_mean(result.reshape(size, size, size, inks)).reshape(-1, inks)
+            result = self.follow(colours, near, iterations=25)
+        for finer in sizes[1:]:
+            near = refined(result.reshape(size, size, size, inks), finer).reshape(-1, inks)
+            size, colours = finer, colours_at(finer)
+            result = self.follow(colours, near)
+        return result.reshape(size, size, size, inks)
 
 
 def _slices(count: int) -> Iterator[slice]:
@@ -348,7 +439,17 @@ def _slices(count: int) -> Iterator[slice]:
         yield slice(begin, min(begin + _SLICE_COLOURS, count))
 
 
-def _neighbour_mean(grid: Float64Array) -> Float64Array:
+def refined(grid: Float64Array, nodes: int) -> Float64Array:
+    """A grid (A, A, A, N) on ``nodes`` nodes an axis, by cubic splines between its own."""
+    places = np.meshgrid(*[np.linspace(0.0, size - 1.0, nodes) for size in grid.shape[:3]], indexing="ij")
+    order = 3 if min(grid.shape[:3]) > 3 else 1
+    return np.stack(
+        [ndimage.map_coordinates(grid[..., ink], places, order=order, mode="nearest") for ink in range(grid.shape[3])],
+        axis=-1,
+    )
+
+
+def neighbour_mean(grid: Float64Array) -> Float64Array:
     """Mean of the up to six neighbours of every node of a grid (A, B, C, N)."""
     total = np.zeros_like(grid)
     count = np.zeros(grid.shape[:3])

@@ -97,4 +97,5 @@ def band_columns(columns: list[str]) -> tuple[tuple[float, str], ...]:
             kinds.setdefault(match.group(1), []).append((float(match.group(2)), column))
     if not kinds:
         return ()
-    return tuple(sorted(max(kinds.values(), key=len)))
+    most: list[tuple[float, str]] = max(kinds.values(), key=lambda bands: len(bands))
+    return tuple(sorted(most))

@@ -86,7 +86,7 @@ def measurements_text(
     Raises
     ------
     ValueError
-        If shapes disagree or an ink's name holds a comma.
+        If shapes disagree, an ink's name holds a comma, or a patch has no name.
     """
     patches, inks = ink_frac.shape
     if lab_d50.shape != (patches, 3) or len(ink_names) != inks or any("," in name for name in ink_names):
@@ -131,5 +131,6 @@ def measurements_text(
 
 
 def _word(text: str) -> str:
-    plain = bool(text) and not any(mark.isspace() or mark in '"#' for mark in text)
-    return text if plain and not text.upper().startswith("END_") else quoted(text)
+    if text.upper() in ("END_DATA", ""):
+        raise ValueError(f"a patch can't be called {text!r}")
+    return quoted(text) if any(mark.isspace() or mark in '"#' for mark in text) else text

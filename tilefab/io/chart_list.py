@@ -142,6 +142,9 @@ def parse_chart(text: str, name: str) -> ChartList:
     missing = [column for column in ("SAMPLE_ID", "SAMPLE_LOC", *wanted) if column not in table.columns]
     if missing or not 1 <= len(inks) <= MOST_INKS:
         raise ProfileError(f"{name}: lacks columns {' '.join(missing) or 'of ink'}: print the chart anew", path=name)
+    samples = table.column("SAMPLE_ID") or []
+    if len({sample.casefold() for sample in samples}) < len(samples):
+        raise ProfileError(f"{name}: two patches have one SAMPLE_ID: the list was edited", path=name)
     counts = numbers(table, inks, name, spelled=True) * (FULL / 100.0)
     whole = np.rint(counts)
     if (np.abs(counts - whole) > _SLACK_COUNTS).any() or whole.min() < 0 or whole.max() > FULL:
@@ -175,7 +178,7 @@ def parse_chart(text: str, name: str) -> ChartList:
     return ChartList(
         layout,
         read_ink_names(table, inks, name),
-        tuple(table.column("SAMPLE_ID") or ()),
+        tuple(samples),
         tuple(table.column("SAMPLE_LOC") or ()),
         table.keywords.get("DESCRIPTOR", Path(name).stem),
     )

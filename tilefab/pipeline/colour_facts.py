@@ -10,10 +10,13 @@ from scipy.cluster.vq import kmeans2
 from scipy.spatial import ConvexHull, QhullError
 
 from tilefab import rng
-from tilefab.colour import Intent, PressTransform, delta_e_2000, srgb_from_xyz, xyz_from_lab
+from tilefab.colour import delta_e_2000, limit_total_ink, srgb_from_xyz, xyz_from_lab
 from tilefab.colour.encoding import decode_lab16
+from tilefab.colour.stages import grid_points
+from tilefab.colour.transform import Colorimetric
+from tilefab.io.press_profile import press_transform
 from tilefab.pipeline.faces import face_region
-from tilefab.pipeline.maps import JobMaps
+from tilefab.pipeline.maps import JobMaps, press_black
 from tilefab.pipeline.plan import Plan
 from tilefab.report import ColourView, InkView, SwatchView
 from tilefab.sampling import render_points
@@ -22,7 +25,8 @@ _POINTS = 40_000
 _POINTS_PER_FACE_AT_LEAST = 200
 _PLOTTED = 1200
 _SWATCHES = 6
-_GRID = 7
+_MOST_RECIPES = 70_000
+_MOST_LEVELS = 7
 _OUT_OF_GAMUT_DELTA_E = 2.0
 
 
@@ -42,16 +46,18 @@ def colour_facts(plan: Plan, maps: JobMaps, faces: list[int]) -> ColourView:
     counts = render_points(maps.press, rows, cols, seed=plan.seed)
     inks = counts.astype(np.float32) / np.float32(np.iinfo(counts.dtype).max)
     # Stone and print are compared as the intent means them: against the glaze's white, or absolutely.
-    compared: Intent = "absolute" if colour.intent == "absolute" else "relative"
-    transform = PressTransform(plan.press_profile.data, colour.intent, inks.shape[1])
+    compared: Colorimetric = "absolute" if colour.intent == "absolute" else "relative"
+    transform = press_transform(plan.press_profile, colour.intent)
     printed = transform.lab_from_inks(inks[None], intent=compared)[0]
     wanted = transform.inks_from_lab(stone[None])[0]
-    colorimetric = PressTransform(plan.press_profile.data, compared, inks.shape[1])
+    colorimetric = press_transform(plan.press_profile, compared)
     nearest = colorimetric.lab_from_inks(colorimetric.inks_from_lab(stone[None]), intent=compared)[0]
     difference = np.asarray(delta_e_2000(stone, printed))
-    unreachable = np.asarray(delta_e_2000(stone, nearest)) > _OUT_OF_GAMUT_DELTA_E
+    missed = np.asarray(delta_e_2000(stone, nearest))
+    beyond = missed[missed > _OUT_OF_GAMUT_DELTA_E]
     total = 100.0 * inks.sum(axis=1)
-    gamut = _gamut(transform, inks.shape[1], colour.ink_limit_percent, compared)
+    recipes = limit_total_ink(_recipes(transform.inks), colour.ink_limit_percent, press_black(plan, transform))
+    gamut = transform.lab_from_inks(recipes[np.newaxis], intent=compared)[0].astype(np.float64)
     random = rng.generator(plan.seed, "plotted colours")
     plotted = stone[random.choice(len(stone), min(_PLOTTED, len(stone)), replace=False)]
     return ColourView(
@@ -76,7 +82,9 @@ def colour_facts(plan: Plan, maps: JobMaps, faces: list[int]) -> ColourView:
         gamut_lc=_hull(np.stack([gamut[:, 0], np.hypot(gamut[:, 1], gamut[:, 2])], axis=1)),
         delta_e_mean=float(difference.mean()),
         delta_e_p95=float(np.percentile(difference, 95)),
-        out_of_gamut_share=float(unreachable.mean()),
+        out_of_gamut_share=len(beyond) / len(missed),
+        out_of_gamut_mean=float(beyond.mean()) if len(beyond) else 0.0,
+        out_of_gamut_p95=float(np.percentile(beyond, 95)) if len(beyond) else 0.0,
     )
 
 
@@ -129,12 +137,10 @@ def _swatches(
     return tuple(sorted(swatches, key=lambda s: -s.share))
 
 
-def _gamut(transform: PressTransform, inks: int, limit_percent: float, intent: Intent) -> NDArray[np.float64]:
-    axes = np.meshgrid(*[np.linspace(0, 1, _GRID)] * inks, indexing="ij")
-    grid = np.stack([axis.ravel() for axis in axes], axis=1)
-    grid = grid[grid.sum(axis=1) <= limit_percent / 100 + 1e-9]
-    lab: NDArray[np.float64] = transform.lab_from_inks(grid[None].astype(np.float32), intent=intent)[0].astype(float)
-    return lab
+def _recipes(inks: int) -> NDArray[np.float64]:
+    """All mixtures of some levels of each ink: as many levels as there is time for."""
+    levels = next(count for count in range(_MOST_LEVELS, 1, -1) if count**inks <= _MOST_RECIPES)
+    return grid_points((np.linspace(0.0, 1.0, levels),) * inks)
 
 
 def _hull(points: NDArray[np.float64]) -> NDArray[np.float64]:

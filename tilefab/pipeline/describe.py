@@ -12,6 +12,7 @@ from tilefab.pipeline.crop_sample import shown_crops
 from tilefab.pipeline.main_job import JobOutcome
 from tilefab.pipeline.plan import Plan
 from tilefab.pipeline.run_report import preparation_log
+from tilefab.report import ColourView
 from tilefab.sampling import FORMAT_VERSION, CropMap, TextureMap, TileMap
 from tilefab.units import mm_from_px
 
@@ -50,7 +51,22 @@ def outcome_facts(outcome: JobOutcome) -> dict[str, Any]:
         "press_map": run.maps.press.hash,
         "report": str(outcome.report) if outcome.report else None,
         "preparation": _log(outcome.preparation),
+        "colour": _colour_facts(outcome.colour),
         "warnings": list(outcome.warnings),
+    }
+
+
+def _colour_facts(colour: ColourView) -> dict[str, Any]:
+    return {
+        "delta_e_mean": round(colour.delta_e_mean, 3),
+        "delta_e_p95": round(colour.delta_e_p95, 3),
+        "out_of_gamut_share": round(colour.out_of_gamut_share, 5),
+        "out_of_gamut_mean": round(colour.out_of_gamut_mean, 3),
+        "out_of_gamut_p95": round(colour.out_of_gamut_p95, 3),
+        "mean_total_ink_percent": round(colour.mean_total_ink_percent, 2),
+        "max_total_ink_percent": round(colour.max_total_ink_percent, 2),
+        "share_limited": round(colour.share_limited, 5),
+        "mean_ink_percent": {ink.name: round(ink.mean_percent, 2) for ink in colour.inks},
     }
 
 

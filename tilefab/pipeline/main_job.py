@@ -13,6 +13,7 @@ from tilefab.pipeline.plan import Plan
 from tilefab.pipeline.progress import Progress
 from tilefab.pipeline.run import RunResult, run_job
 from tilefab.pipeline.run_report import job_warnings, preparation_log, write_report
+from tilefab.report import ColourView
 
 
 @dataclass(frozen=True)
@@ -29,12 +30,15 @@ class JobOutcome:
         What was done to the slab: (step, sentence).
     warnings
         What the operator should know before using the faces.
+    colour
+        How near the print comes to the stone, and the ink that it takes.
     """
 
     run: RunResult
     report: Path | None
     preparation: tuple[tuple[str, str], ...]
     warnings: tuple[str, ...]
+    colour: ColourView
 
 
 def do_job(
@@ -62,4 +66,4 @@ def do_job(
     if plan.job.report.pdf is not False:
         report = write_report(plan, progress, created=created, threads=threads, maps=result.maps, colour=colour)
     texture = result.maps.texture
-    return JobOutcome(result, report, preparation_log(texture), job_warnings(texture, colour))
+    return JobOutcome(result, report, preparation_log(texture), job_warnings(texture, colour), colour)

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tilefab.colour import PressTransform, limit_total_ink, quantise_inks, srgb_from_xyz, xyz_from_lab
+from tilefab.colour import PressTransform, black_channel, srgb_from_xyz, xyz_from_lab
 from tilefab.colour.encoding import decode_lab16
+from tilefab.colour.grid_layout import each_strip
+from tilefab.colour.press_counts import press_counts
 from tilefab.errors import OutputError, SynthesisError, TextureMapError
 from tilefab.io.atomic import make_folder
 from tilefab.io.manifest import folder_owner
+from tilefab.io.press_profile import press_transform
 from tilefab.io.texture_map_file import SUFFIX, load_texture_map, save_texture_map
 from tilefab.pipeline.crops import build_crops, rebuilt_crops
 from tilefab.pipeline.kept_slab import forget_slabs, kept_or_prepared
@@ -21,13 +26,13 @@ from tilefab.pipeline.prepare import PreparedSlab
 from tilefab.pipeline.progress import Progress
 from tilefab.pipeline.tiles import build_tile
 from tilefab.sampling import TextureMap
+from tilefab.types import Array
 
 MAPS_FOLDER = "maps"
 RGB_SPACE = "srgb8"
 MIN_SLAB_PX = 16
-_STRIP_ROWS = 256
+_STRIP_PIXELS = 1 << 21
 _KEY_DIGITS = 16
-_BLACK_CHANNEL = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,16 +168,15 @@ def convert_map(plan: Plan, texture: TextureMap, progress: Progress, threads: in
     """Convert a texture map to the inks of the job's press, total ink never above the job's limit."""
     stage = "Converting to inks"
     colour = plan.job.colour
-    transform = PressTransform(plan.press_profile.data, colour.intent, plan.press_profile.channels)
-    dtype = np.uint8 if plan.job.output.bits == 8 else np.uint16
-    base = np.empty((*texture.base.shape[:2], plan.press_profile.channels), dtype=dtype)
+    transform = press_transform(plan.press_profile, colour.intent)
+    black = press_black(plan, transform)
+    dtype = np.dtype(np.uint8 if plan.job.output.bits == 8 else np.uint16)
+    base = np.empty((*texture.base.shape[:2], transform.inks), dtype=dtype)
     workers = threads or os.cpu_count() or 1
-    for top in range(0, len(base), _STRIP_ROWS):
-        progress.stage(stage, top / len(base))
-        lab = decode_lab16(texture.base[top : top + _STRIP_ROWS])
-        inks = transform.inks_from_lab(lab, threads=workers)
-        inks = limit_total_ink(inks, colour.ink_limit_percent, _BLACK_CHANNEL)
-        base[top : top + _STRIP_ROWS] = quantise_inks(inks, dtype, colour.ink_limit_percent)
+    for rows in _strips(base):
+        progress.stage(stage, rows.start / len(base))
+        inks = transform.inks_from_lab(_lab(texture.base[rows], workers), threads=workers)
+        base[rows] = press_counts(inks, dtype, colour.ink_limit_percent, black, threads=workers)
     progress.stage(stage, 1.0)
     return texture.with_base(
         base,
@@ -183,20 +187,48 @@ def convert_map(plan: Plan, texture: TextureMap, progress: Progress, threads: in
     )
 
 
+def press_black(plan: Plan, transform: PressTransform) -> int | None:
+    """The channel of the press's black, by the names that the job or the profile give, else by its colour."""
+    solids = transform.lab_from_inks(np.eye(transform.inks, dtype=np.float32)[np.newaxis])[0]
+    return black_channel(plan.ink_names, solids)
+
+
 def proof_map(plan: Plan, press: TextureMap, threads: int | None = None) -> TextureMap:
     """Return the press map as it will look fired, in 8-bit sRGB: the profile backwards, absolute colorimetric.
 
     Proofs are rendered from it, so a proof shows the same pixels of the stone as the face.
     """
-    transform = PressTransform(plan.press_profile.data, "absolute", plan.press_profile.channels)
-    full = float(np.iinfo(press.base.dtype).max)
+    transform = press_transform(plan.press_profile, "absolute")
+    full = np.float32(np.iinfo(press.base.dtype).max)
     base = np.empty((*press.base.shape[:2], 3), dtype=np.uint8)
-    for top in range(0, len(base), _STRIP_ROWS):
-        inks = press.base[top : top + _STRIP_ROWS].astype(np.float32) / np.float32(full)
-        lab = transform.lab_from_inks(inks, intent="absolute", threads=threads or os.cpu_count() or 1)
-        rgb = srgb_from_xyz(xyz_from_lab(lab))
-        base[top : top + _STRIP_ROWS] = np.rint(np.clip(rgb, 0, 1) * 255)
+    workers = threads or os.cpu_count() or 1
+    for rows in _strips(base):
+        lab = transform.lab_from_inks(press.base[rows].astype(np.float32) / full, intent="absolute", threads=workers)
+        flat = base[rows].reshape(-1, 3)
+
+        def show(strip: NDArray[np.float32], to: int, flat: NDArray[np.uint8] = flat) -> None:
+            rgb = srgb_from_xyz(xyz_from_lab(strip.reshape(-1, 3)))
+            flat[to : to + len(rgb)] = np.rint(np.clip(rgb, 0, 1) * 255)
+
+        each_strip(lab, show, workers)
     return press.with_base(base, space=RGB_SPACE, channels=("R", "G", "B"))
+
+
+def _strips(base: Array) -> Iterator[slice]:
+    """Rows of a map that are in memory as floating point at a time."""
+    step = max(1, _STRIP_PIXELS // max(1, base.shape[1]))
+    return (slice(top, top + step) for top in range(0, len(base), step))
+
+
+def _lab(counts: Array, threads: int) -> NDArray[np.float32]:
+    lab = np.empty(counts.shape, np.float32)
+    flat = lab.reshape(-1, 3)
+
+    def decode(strip: Array, to: int) -> None:
+        flat[to : to + strip.shape[0] * strip.shape[1]] = decode_lab16(strip).reshape(-1, 3)
+
+    each_strip(counts, decode, threads)
+    return lab
 
 
 def _load(path: Path, key: str, expected: str, progress: Progress) -> TextureMap | None:

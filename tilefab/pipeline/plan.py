@@ -14,6 +14,7 @@ from tilefab.config import Job, JobFile
 from tilefab.config.models import OF_DESIGN
 from tilefab.errors import ConfigError, ImageError, Problem, ProfileError
 from tilefab.io.icc import IccProfile, parse_icc_profile, read_icc_profile, require_press_profile
+from tilefab.io.press_profile import require_inks
 from tilefab.io.scans import ScanFacts, scan_facts
 from tilefab.sampling import FORMAT_VERSION, CropMap, PlaneLayout, TextureMap
 from tilefab.types import SizeMm, SizePx
@@ -22,7 +23,7 @@ from tilefab.units import px_from_mm, size_px_from_mm
 PREPARATION_VERSION = 3
 """Raised whenever the same scans and settings would be prepared into another map."""
 
-CONVERSION_VERSION = 1
+CONVERSION_VERSION = 2
 """Raised whenever the same map and profile would be converted into other inks."""
 
 PACKAGE_SCHEME = "package:"
@@ -329,12 +330,7 @@ class _Planner:
         if path is None:
             return None
         try:
-            profile = require_press_profile(read_icc_profile(path))
-            if profile.channels != 4:
-                raise ProfileError(
-                    f"{path}: a profile for {profile.channels} inks; faces are printed with four: give a CMYK profile",
-                    path=str(path),
-                )
+            profile = require_inks(require_press_profile(read_icc_profile(path)))
         except ProfileError as error:
             self._add("press_profile", error, section="colour")
             return None

@@ -176,7 +176,8 @@ def job_warnings(texture: TextureMap, colour: ColourView | None = None) -> tuple
         if colour.out_of_gamut_share > _OUT_OF_GAMUT_WARNING:
             warnings.append(
                 f"{100 * colour.out_of_gamut_share:.0f} % of the stone is more colourful, paler or darker than this "
-                "press can print; the nearest printable colours are used"
+                f"press can print, by CIEDE2000 {colour.out_of_gamut_mean:.1f} on average and "
+                f"{colour.out_of_gamut_p95:.1f} at the 95th percentile; the nearest printable colours are used"
             )
         if colour.share_limited > _LIMITED_WARNING:
             warnings.append(

@@ -43,6 +43,8 @@ def _check_colour(colour: ColourView) -> None:
         ("mean_total_ink_percent", colour.mean_total_ink_percent),
         ("delta_e_mean", colour.delta_e_mean),
         ("delta_e_p95", colour.delta_e_p95),
+        ("out_of_gamut_mean", colour.out_of_gamut_mean),
+        ("out_of_gamut_p95", colour.out_of_gamut_p95),
     )
     for name, value in named:
         _check_numbers((value,), f"colour.{name}", low=0.0)

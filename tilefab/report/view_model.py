@@ -127,6 +127,8 @@ class ColourView:
         CIEDE2000 between slab and print over the map: mean and 95th percentile.
     out_of_gamut_share
         Share of map pixels that the press can't reach.
+    out_of_gamut_mean, out_of_gamut_p95
+        CIEDE2000 of those to the nearest colour that it can: mean and 95th percentile; 0 where there are none.
     """
 
     press_profile: str
@@ -143,6 +145,8 @@ class ColourView:
     delta_e_mean: float
     delta_e_p95: float
     out_of_gamut_share: float
+    out_of_gamut_mean: float
+    out_of_gamut_p95: float
 
 
 @dataclass(frozen=True, eq=False)
