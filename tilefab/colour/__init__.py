@@ -8,7 +8,6 @@ from tilefab.colour.limits import limit_total_ink, max_total_counts, quantise_in
 from tilefab.colour.lut import BackwardTables, ForwardTable, build_backward, build_forward
 from tilefab.colour.press_model import PressModel, fit_press_model
 from tilefab.colour.preview import reduce_srgb
-from tilefab.colour.scan_colours import scan_to_xyz
 from tilefab.colour.separation import SeparationSettings, Separator
 from tilefab.colour.spaces import (
     WHITE_XYZ_D50,
@@ -19,7 +18,7 @@ from tilefab.colour.spaces import (
     srgb_from_xyz,
     xyz_from_lab,
 )
-from tilefab.colour.transform import Intent, PressTransform
+from tilefab.colour.transform import Intent, PressTransform, scan_to_xyz
 
 __all__ = [
     "WHITE_XYZ_D50",

@@ -79,9 +79,9 @@ def boundary_of(lab_relative: Float64Array, *, largest_share: float = 1.0) -> Ga
     counts = np.bincount(cell, minlength=_LIGHTNESS_STEPS * _HUE_STEPS)
     ends = np.cumsum(counts)
     most = np.full(len(counts), np.nan)
-    there = counts > 0
+    filled = counts > 0
     skipped = np.floor(counts * stray).astype(int)
-    most[there] = chroma[order][(ends - 1 - skipped)[there]]
+    most[filled] = chroma[order][(ends - 1 - skipped)[filled]]
     return GamutBoundary(dark, light, _filled(most.reshape(_LIGHTNESS_STEPS, _HUE_STEPS)))
 
 
@@ -109,7 +109,8 @@ def press_boundary(separator: Separator) -> GamutBoundary:
     model, settings = separator.model, separator.settings
     black = settings.black_channel
     coloured = [ink for ink in range(model.inks) if ink != black]
-    pairs = list(itertools.combinations(coloured, 2)) or [(ink,) for ink in coloured] or [(0,)]
+    pairs: list[tuple[int, ...]] = [*itertools.combinations(coloured, 2)]
+    pairs = pairs or [(ink,) for ink in coloured] or [(0,)]
     blacks = _BLACK_LEVELS if black is not None and coloured else np.zeros(1)
     levels = np.concatenate([[0.0], _FACE_LEVELS])
     rows = []

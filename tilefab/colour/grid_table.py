@@ -125,8 +125,8 @@ def _each_alone(stage: Stage) -> bool:
     return isinstance(stage, Curves)
 
 
-def _is_one_grid(table: ColourTable) -> bool:
-    """Whether there is one grid, and before and behind it only what treats every channel by itself."""
+def is_one_grid(table: ColourTable) -> bool:
+    """Whether `compile_table` takes a table exactly: one grid, other stages treating every channel by itself."""
     others = [stage for stage in table.stages if not _each_alone(stage)]
     return len(others) == 1 and isinstance(others[0], Grid)
 
@@ -183,7 +183,7 @@ def compile_table(
     into, target_dtype = _counts_dtype(dtype_in), _counts_dtype(dtype_out)
     if not table.stages:
         raise ValueError("a table without stages converts nothing")
-    if not _is_one_grid(table):
+    if not is_one_grid(table):
         table = bake(table, table.source, table.target, channels_in(table.stages[0]), nodes=grid_nodes)
     middle, grid = next((place, stage) for place, stage in enumerate(table.stages) if isinstance(stage, Grid))
     check_grid(grid)

@@ -1,30 +1,49 @@
 """The tables of a press profile: inks to colour and colour to inks, on grids, for an ICC profile to carry.
 
-Colours in the tables are relative to the unprinted tile (its white is Lab 100, 0, 0), as ICC profiles want
-them. Curves before the grids put more nodes where colours change fast or are judged most strictly; they are
-computed in the 16-bit steps of the file, so nodes stand exactly where a reader of the file takes them to be.
+Colours in the tables are relative to the unprinted tile (its white is Lab 100, 0, 0), as ICC profiles want them. Curves
+before the grids put nodes where the press has colours; they are computed in the 16-bit steps of the file, so nodes
+stand exactly where a reader of the file takes them to be. Nodes are then moved so that readers, who interpolate between
+them, come out right.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix, vstack
 
-from tilefab.colour.gamut import perceptual_map
-from tilefab.colour.limits import limit_total_ink
+from tilefab import rng
+from tilefab.colour.gamut import GamutBoundary, perceptual_map, press_boundary
+from tilefab.colour.limits import limit_total_ink, quantise_inks
+from tilefab.colour.node_fit import fit_nodes, multilinear_weights
 from tilefab.colour.press_model import PressModel
 from tilefab.colour.separation import Separator
 from tilefab.colour.spaces import absolute_lab, delta_e_2000, relative_lab
+from tilefab.colour.stages import Curves, grid_points
 
 Float64Array = NDArray[np.float64]
 
 CURVE_ENTRIES = 256
-_CROWDING = 5.0
+BACKWARD_ENTRIES = 4096
+_NEUTRAL_CROWDING = 1.5
+_OUTER_NODES = 2
+_MARGIN_LAB = 4.0
 _IN_GAMUT_DELTA_E = 1.0
 _FAR_DELTA_E = 50.0
 _NO_INK = 5e-4
+_RANGE_RECIPES = 3000
+_PLACES_IN_CELL = np.array(
+    [[0.25, 0.25, 0.25], [0.75, 0.75, 0.25], [0.75, 0.25, 0.75], [0.25, 0.75, 0.75], [0.5, 0.5, 0.5]]
+)
+_REACHED_DELTA_E = 0.2
+_STIFF, _NODE_IMPORTANCE = 0.05, 0.5
+_NEAR_DELTA_E = 6.0
+_NEUTRAL_LAB = 0.05
+_FORWARD_PLACES = 120_000
+_FORWARD_STIFF = 0.1
 
 
 @dataclass(frozen=True)
@@ -75,7 +94,11 @@ def _nodes(curve: Float64Array, count: int) -> Float64Array:
     return np.interp(np.linspace(0.0, 1.0, count), rising, first / (len(curve) - 1.0))
 
 
-def build_forward(model: PressModel, grid: int) -> ForwardTable:
+def _random_recipes(inks: int, count: int, purpose: str) -> Float64Array:
+    return np.asarray(rng.generator(0, purpose).random((count, inks)), dtype=np.float64)
+
+
+def build_forward(model: PressModel, grid: int, *, black_channel: int | None = None) -> ForwardTable:
     """Tabulate a press model on ``grid`` nodes for each ink.
 
     Parameters
@@ -85,6 +108,8 @@ def build_forward(model: PressModel, grid: int) -> ForwardTable:
         measured.
     grid
         Nodes for each ink, 2 upwards; 11 to 17 for 4 inks.
+    black_channel
+        The ink that is kept where a recipe has more ink than was measured; None: all alike.
 
     Raises
     ------
@@ -94,7 +119,7 @@ def build_forward(model: PressModel, grid: int) -> ForwardTable:
     if grid < 2:
         raise ValueError(f"grid {grid} must be 2 or more")
     inks = model.inks
-    white = model.lab(np.zeros((1, inks)))[0]
+    white = model.white_lab
     amounts = np.linspace(0.0, 1.0, CURVE_ENTRIES)
     curves = np.empty((inks, CURVE_ENTRIES))
     nodes = []
@@ -105,33 +130,111 @@ def build_forward(model: PressModel, grid: int) -> ForwardTable:
         way = np.concatenate([[0.0], np.cumsum(lengths)])
         curves[ink] = _in_steps(0.5 * amounts + 0.5 * way / max(way[-1], 1e-9))
         nodes.append(_nodes(curves[ink], grid))
-    recipes = np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1).reshape(-1, inks)
-    black = 3 if inks == 4 else None
-    measured = limit_total_ink(recipes, 100.0 * model.max_total, black)
-    lab = relative_lab(model.lab(measured), white)
-    return ForwardTable(curves, lab.reshape((grid,) * inks + (3,)))
+
+    def colour(recipes: Float64Array) -> Float64Array:
+        measured = limit_total_ink(recipes, 100.0 * model.max_total, black_channel)
+        return relative_lab(model.lab(measured), white)
+
+    shape = (grid,) * inks
+    table = colour(grid_points(tuple(nodes))).reshape((*shape, 3))
+    between = _random_recipes(inks, _FORWARD_PLACES, "places between the nodes of a forward table")
+    between[::2] **= 2.0
+    between = between[between.sum(axis=1) <= model.max_total]
+    place = Curves(tuple(curves))(between) * (grid - 1)
+    importance = np.ones(len(between))
+    fitted = fit_nodes(table, multilinear_weights(place, shape), colour(between), importance, stiffness=_FORWARD_STIFF)
+    fitted[(0,) * inks] = table[(0,) * inks]
+    return ForwardTable(curves, fitted)
 
 
-def backward_axes(grid: int) -> tuple[Float64Array, tuple[Float64Array, Float64Array, Float64Array]]:
-    """Curves (3, 256) for colours and the L*, a*, b* values at which ``grid`` nodes then stand.
+@dataclass(frozen=True)
+class BackwardAxes:
+    """Where the nodes of a backward table stand.
 
-    The top of the lightness axis is exactly 100, so white gets no ink; a* and b* are denser near neutral, and
-    with an odd ``grid`` the neutral axis falls on nodes.
+    Attributes
+    ----------
+    curves
+        (3, 4096) as in `BackwardTables`.
     """
-    entries = np.arange(CURVE_ENTRIES)
-    code = entries * 65535.0 / (CURVE_ENTRIES - 1)
-    lightness = _in_steps(np.minimum(entries / (CURVE_ENTRIES - 2.0), 1.0))
-    span = (code - 32768.0) / 32768.0
-    crowded = _in_steps(0.5 + 0.5 * np.arcsinh(_CROWDING * span) / np.arcsinh(_CROWDING))
-    curves = np.stack([lightness, crowded, crowded])
-    at_l = _nodes(lightness, grid) * 65535.0 / 652.80
-    at_ab = _nodes(crowded, grid) * 65535.0 / 256.0 - 128.0
-    at_l[-1] = 100.0
-    at_ab[np.abs(at_ab) < 0.02] = 0.0
-    return curves, (at_l, at_ab, at_ab)
+
+    curves: Float64Array = field(repr=False)
+
+    def values(self, nodes: int) -> tuple[Float64Array, Float64Array, Float64Array]:
+        """L*, a* and b* at ``nodes`` nodes on each axis."""
+        at_l = _nodes(self.curves[0], nodes) * 65535.0 / 652.80
+        at_l[-1] = 100.0
+        at_a, at_b = (_nodes(curve, nodes) * 65535.0 / 256.0 - 128.0 for curve in self.curves[1:])
+        for axis in (at_a, at_b):
+            axis[np.abs(axis) < _NEUTRAL_LAB] = 0.0
+        return at_l, at_a, at_b
+
+    def colours(self, nodes: int) -> Float64Array:
+        """Relative Lab (nodes**3, 3) of all nodes."""
+        return grid_points(self.values(nodes))
+
+    def places(self, lab_relative: Float64Array, nodes: int) -> Float64Array:
+        """Where colours (M, 3) lie, counted in nodes."""
+        code = np.column_stack([lab_relative[:, 0] * 652.80, (lab_relative[:, 1:] + 128.0) * 256.0]) / 65535.0
+        return Curves(tuple(self.curves))(code) * (nodes - 1)
 
 
-def build_backward(separator: Separator, grid: int) -> BackwardTables:
+def backward_axes(grid: int, reach: NDArray[np.floating] | None = None) -> BackwardAxes:
+    """Curves that put most nodes where a press has colours.
+
+    Parameters
+    ----------
+    grid
+        Nodes on each axis, 3 upwards.
+    reach
+        (2, 3): least and largest relative L*, a*, b* of the press; None covers all of Lab evenly.
+
+    Notes
+    -----
+    The top of the lightness axis is exactly 100, so white gets no ink. Neutral stands on a node of its own, and nodes
+    are closer near it, where eyes are most critical. Beyond the reach two nodes or so carry on to the ends.
+    """
+    code = np.linspace(0.0, 65535.0, BACKWARD_ENTRIES)
+    lightness = code / 652.80
+    ends = np.array([[0.0, -128.0, -128.0], [100.0, 127.99, 127.99]]) if reach is None else np.array(reach, dtype=float)
+    outer = 0.0 if reach is None or grid <= 4 * _OUTER_NODES else _OUTER_NODES / (grid - 1.0)
+    low = float(np.clip(ends[0, 0] - _MARGIN_LAB, 0.0, 90.0))
+    share = outer * min(low / 10.0, 1.0) if low > 0.0 else 0.0
+    rows = [np.interp(lightness, [0.0, max(low, 1e-9), 100.0], [0.0, share, 1.0])]
+    for axis in (1, 2):
+        values = code / 256.0 - 128.0
+        below = min(float(ends[0, axis]) - _MARGIN_LAB, -1.5 * _MARGIN_LAB)
+        above = max(float(ends[1, axis]) + _MARGIN_LAB, 1.5 * _MARGIN_LAB)
+        below, above = max(below, -127.9), min(above, 127.9)
+        # Neutral on a whole node, each side with nodes in proportion to how far it reaches.
+        inner = (1.0 - 2.0 * outer) * (grid - 1)
+        neutral = np.clip(np.rint(outer * (grid - 1) + inner * -below / (above - below)), 1, grid - 2) / (grid - 1)
+        left, right = np.clip(values / below, 0.0, 1.0), np.clip(values / above, 0.0, 1.0)
+        crowd = np.arcsinh(_NEUTRAL_CROWDING)
+        curve = neutral + (1.0 - outer - neutral) * np.arcsinh(_NEUTRAL_CROWDING * right) / crowd
+        curve -= (neutral - outer) * np.arcsinh(_NEUTRAL_CROWDING * left) / crowd
+        curve += outer * np.clip((values - above) / max(127.996 - above, 1e-9), 0.0, 1.0)
+        curve -= outer * np.clip((below - values) / max(below + 128.0, 1e-9), 0.0, 1.0)
+        rows.append(curve)
+    return BackwardAxes(_in_steps(np.stack(rows)))
+
+
+def press_reach(model: PressModel, total_limit: float) -> Float64Array:
+    """Least and largest relative L*, a*, b* (2, 3) of what a press prints within a total limit."""
+    recipes = _random_recipes(model.inks, _RANGE_RECIPES, "recipes that show a press's reach")
+    rare = _random_recipes(model.inks, _RANGE_RECIPES, "inks that a recipe has") < min(2.0 / model.inks, 1.0)
+    recipes = np.concatenate([recipes, np.sqrt(recipes) * rare, np.eye(model.inks)])
+    recipes *= np.minimum(1.0, total_limit / np.maximum(recipes.sum(axis=1, keepdims=True), 1e-9))
+    lab = relative_lab(model.lab(recipes), model.white_lab)
+    return np.stack([lab.min(axis=0), lab.max(axis=0)])
+
+
+def build_backward(
+    separator: Separator,
+    grid: int,
+    *,
+    image: GamutBoundary | None = None,
+    tell: Callable[[float], None] | None = None,
+) -> BackwardTables:
     """Tabulate inks for colours on ``grid`` nodes for each of L*, a*, b*.
 
     Parameters
@@ -139,7 +242,11 @@ def build_backward(separator: Separator, grid: int) -> BackwardTables:
     separator
         The press model turned round, with its limits.
     grid
-        Nodes on each axis, 3 upwards and best odd; 25 to 33.
+        Nodes on each axis, 3 upwards and best odd; 25 to 49.
+    image
+        What the perceptual table has to make room for; None: any colour.
+    tell
+        Told the share that is done.
 
     Raises
     ------
@@ -148,23 +255,86 @@ def build_backward(separator: Separator, grid: int) -> BackwardTables:
     """
     if grid < 3:
         raise ValueError(f"grid {grid} must be 3 or more")
-    curves, axes = backward_axes(grid)
-    shape = (grid, grid, grid)
-    wanted = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    report = tell or (lambda _share: None)
+    report(0.0)
     model = separator.model
-    white = model.lab(np.zeros((1, model.inks)))[0]
+    white = model.white_lab
+    axes = backward_axes(grid, press_reach(model, separator.settings.total_limit))
+    wanted = axes.colours(grid)
 
-    absolute = absolute_lab(wanted, white)
-    relative = separator.separate(absolute, shape)
-    error = delta_e_2000(model.lab(relative), absolute)
+    relative = separator.separate_grid(lambda nodes: absolute_lab(axes.colours(nodes), white), grid)
+    report(0.4)
+    error = delta_e_2000(model.lab(relative.reshape(-1, model.inks)), absolute_lab(wanted, white))
     distance = np.clip(error / _FAR_DELTA_E, 0.0, 1.0)
     gamut = np.where(error < _IN_GAMUT_DELTA_E, 0.0, np.maximum(distance, 1.0 / 65535.0))
 
-    perceptual = separator.separate(absolute_lab(perceptual_map(separator, white)(wanted), white), shape)
-    is_white = (wanted[:, 0] == 100.0) & (wanted[:, 1] == 0.0) & (wanted[:, 2] == 0.0)
-    for table in (relative, perceptual):
+    boundary = press_boundary(separator)
+    tables = [_between_nodes(separator, axes, relative, lambda lab: lab)]
+    report(0.7)
+    for room, vivid in ((image, False), (None, True)):
+        fit = perceptual_map(boundary, room, vivid=vivid)
+        mapped = fit(wanted)
+        near = multilinear_weights(axes.places(mapped, grid), (grid,) * 3) @ relative.reshape(-1, model.inks)
+        inks = separator.follow(absolute_lab(mapped, white), np.asarray(near)).reshape(relative.shape)
+        tables.append(_between_nodes(separator, axes, inks, fit))
+        report(0.7 + 0.1 * (len(tables) - 1))
+    at_white = tuple(
+        int(np.flatnonzero(axis == value)[0]) for axis, value in zip(axes.values(grid), (100.0, 0.0, 0.0), strict=True)
+    )
+    limit = separator.settings.total_limit
+    for table in tables:
         table[table < _NO_INK] = 0.0
-        table[is_white] = 0.0
-    inks = (*shape, model.inks)
-    pleasing = perceptual.reshape(inks)
-    return BackwardTables(curves, pleasing, relative.reshape(inks), pleasing, gamut.reshape(shape))
+        table[at_white] = 0.0
+    done = [
+        quantise_inks(separator.feasible(t.reshape(-1, model.inks)), np.uint16, 100.0 * limit) / 65535.0 for t in tables
+    ]
+    relative, perceptual, saturation = (table.reshape(relative.shape) for table in done)
+    report(1.0)
+    return BackwardTables(axes.curves, perceptual, relative, saturation, gamut.reshape((grid,) * 3))
+
+
+def _between_nodes(
+    separator: Separator, axes: BackwardAxes, inks: Float64Array, fit: Callable[[Float64Array], Float64Array]
+) -> Float64Array:
+    """Nodes moved so that colours between them come out right, where the press can make them.
+
+    Parameters
+    ----------
+    inks
+        (G, G, G, N) on the nodes.
+    fit
+        What the table makes of relative Lab before it is separated.
+    """
+    nodes = inks.shape[0]
+    flat = inks.reshape(-1, inks.shape[-1])
+    model = separator.model
+    cells = grid_points((np.arange(nodes - 1.0),) * 3)
+    values = axes.values(nodes)
+
+    def missed(places: Float64Array) -> tuple[Float64Array, csr_matrix, Float64Array, Float64Array]:
+        """Colours wanted at places, the weights there, the recipes between the nodes, and by how much they miss."""
+        lab = np.column_stack([np.interp(places[:, k], np.arange(nodes), values[k]) for k in range(3)])
+        colour = absolute_lab(fit(lab), separator.white_lab)
+        weights = multilinear_weights(places, (nodes,) * 3)
+        recipe = np.asarray(weights @ flat)
+        return colour, weights, recipe, np.asarray(delta_e_2000(model.lab(recipe), colour))
+
+    # Cells that lie near enough to the gamut to hold something of it.
+    _, _, _, error = missed(cells + 0.5)
+    cells = cells[error < _NEAR_DELTA_E]
+    places = (cells[:, np.newaxis] + _PLACES_IN_CELL).reshape(-1, 3)
+    colour, weights, recipe, _ = missed(places)
+    right = separator.follow(colour, recipe, iterations=6)
+    made = np.asarray(delta_e_2000(model.lab(right), colour)) < _REACHED_DELTA_E
+    # Black's cap rises within a cell: a recipe just over it is no error.
+    importance = made.astype(np.float64)
+    on_nodes = grid_points((np.arange(float(nodes)),) * 3)
+    _, node_weights, node_recipe, node_error = missed(on_nodes)
+    anchored = _NODE_IMPORTANCE * (node_error < _REACHED_DELTA_E)
+    return fit_nodes(
+        inks,
+        vstack([weights, node_weights]).tocsr(),
+        np.concatenate([right, node_recipe]),
+        np.concatenate([importance, anchored]),
+        stiffness=_STIFF,
+    )

@@ -1,4 +1,4 @@
-"""Print data within a total ink limit, for large images: few pixels are above it, and only they are worked on."""
+"""Print data kept within a total ink limit in place, and the ink that it takes, for large images."""
 
 from __future__ import annotations
 
@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
 from tilefab.colour.grid_layout import each_strip
 from tilefab.colour.limits import limit_total_ink, max_total_counts, quantise_inks
 from tilefab.colour.press_kernels import add_up_inks
-from tilefab.types import PrintImage
 
 _NO_LIMIT = 1 << 62
-_SURELY_WITHIN = np.float32(1e-4)
 
 
 @dataclass(frozen=True)
@@ -35,57 +33,6 @@ class InkUse:
     mean: tuple[float, ...]
     largest_total: float
     share_limited: float
-
-
-def press_counts(
-    ink_frac: NDArray[np.float32],
-    dtype: DTypeLike,
-    limit_percent: float,
-    black_channel: int | None,
-    *,
-    threads: int = 1,
-) -> PrintImage:
-    """Inks as print counts within a total limit.
-
-    Parameters
-    ----------
-    ink_frac
-        (rows, cols, N) ink fractions, 0 to 1.
-    dtype
-        uint8 or uint16.
-    limit_percent
-        Largest total area coverage in percent, above 0.
-    black_channel
-        Kept where others are reduced; see `limit_total_ink`.
-    threads
-        Number of threads, 1 or more; never changes the result.
-
-    Returns
-    -------
-    numpy.ndarray
-        (rows, cols, N): `limit_total_ink`, then `quantise_inks`.
-
-    Raises
-    ------
-    ValueError
-        If `limit_total_ink` or `quantise_inks` refuse what they get, or threads are below 1.
-    """
-    inks = ink_frac.shape[2]
-    counts: PrintImage = np.empty(ink_frac.shape, np.dtype(dtype))
-    flat = counts.reshape(-1, inks)
-    ones = np.ones(inks, np.float32)
-    limit = np.float32(limit_percent / 100.0)
-
-    def convert(strip: NDArray[np.float32], to: int) -> None:
-        part = strip.reshape(-1, inks)
-        over = part @ ones > limit - _SURELY_WITHIN
-        if over.any():
-            part = part.copy()
-            part[over] = limit_total_ink(part[over], limit_percent, black_channel)
-        flat[to : to + len(part)] = quantise_inks(part, counts.dtype, limit_percent)
-
-    each_strip(ink_frac, convert, threads)
-    return counts
 
 
 def limit_counts(
@@ -130,7 +77,7 @@ def limit_counts(
             top, _ = add_up_inks(part, most, own)
         with lock:
             sums[:] += own
-            largest, limited = max(largest, top), limited + above
+            largest, limited = max(largest, int(top)), limited + above
 
     each_strip(counts, convert, threads)
     pixels = max(1, len(flat))

@@ -11,16 +11,16 @@ from tilefab.jit import kernel
 
 
 @kernel
-def add_up_inks(counts: NDArray[Any], max_total: int, sums: NDArray[np.int64]) -> tuple[int, int]:
+def add_up_inks(counts: NDArray[Any], max_total: int, sums: NDArray[np.int64]) -> tuple[np.int64, int]:
     """Add each ink of (M, N) counts to its place in ``sums``.
 
     Returns the largest total of a pixel, and how many pixels have more than ``max_total``.
     """
     pixels, inks = counts.shape
-    largest = 0
+    largest = np.int64(0)
     above = 0
     for pixel in range(pixels):
-        total = 0
+        total = np.int64(0)
         for ink in range(inks):
             count = np.int64(counts[pixel, ink])
             sums[ink] += count

@@ -128,7 +128,7 @@ def read_print_pixels(path: Path) -> Array:
         pixels = tifffile.imread(path)
     except Exception as error:  # a damaged file makes tifffile and its codecs raise nearly anything
         raise ImageError(f"{path}: can't be read back: {error}", path=str(path)) from error
-    return np.asarray(pixels)
+    return np.asarray(pixels[:, :, np.newaxis] if pixels.ndim == 2 else pixels)
 
 
 def check_preview_path(path: Path) -> None:

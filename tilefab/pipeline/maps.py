@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilefab.colour import PressTransform, black_channel, srgb_from_xyz, xyz_from_lab
-from tilefab.colour.encoding import decode_lab16
 from tilefab.colour.grid_layout import each_strip
-from tilefab.colour.press_counts import press_counts
+from tilefab.colour.press_counts import limit_counts
 from tilefab.errors import OutputError, SynthesisError, TextureMapError
 from tilefab.io.atomic import make_folder
 from tilefab.io.manifest import folder_owner
@@ -171,12 +170,13 @@ def convert_map(plan: Plan, texture: TextureMap, progress: Progress, threads: in
     transform = press_transform(plan.press_profile, colour.intent)
     black = press_black(plan, transform)
     dtype = np.dtype(np.uint8 if plan.job.output.bits == 8 else np.uint16)
+    convert = transform.counts_from_lab16(dtype)
     base = np.empty((*texture.base.shape[:2], transform.inks), dtype=dtype)
     workers = threads or os.cpu_count() or 1
     for rows in _strips(base):
         progress.stage(stage, rows.start / len(base))
-        inks = transform.inks_from_lab(_lab(texture.base[rows], workers), threads=workers)
-        base[rows] = press_counts(inks, dtype, colour.ink_limit_percent, black, threads=workers)
+        base[rows] = convert(texture.base[rows], threads=workers)
+        limit_counts(base[rows], colour.ink_limit_percent, black, threads=workers)
     progress.stage(stage, 1.0)
     return texture.with_base(
         base,
@@ -218,17 +218,6 @@ def _strips(base: Array) -> Iterator[slice]:
     """Rows of a map that are in memory as floating point at a time."""
     step = max(1, _STRIP_PIXELS // max(1, base.shape[1]))
     return (slice(top, top + step) for top in range(0, len(base), step))
-
-
-def _lab(counts: Array, threads: int) -> NDArray[np.float32]:
-    lab = np.empty(counts.shape, np.float32)
-    flat = lab.reshape(-1, 3)
-
-    def decode(strip: Array, to: int) -> None:
-        flat[to : to + strip.shape[0] * strip.shape[1]] = decode_lab16(strip).reshape(-1, 3)
-
-    each_strip(counts, decode, threads)
-    return lab
 
 
 def _load(path: Path, key: str, expected: str, progress: Progress) -> TextureMap | None:
