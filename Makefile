@@ -38,6 +38,10 @@ bench: install
 	$(BIN)/python benchmarks/walls.py
 	$(BIN)/python benchmarks/large_slab.py
 	$(BIN)/python benchmarks/demo_profile.py
+	$(BIN)/python benchmarks/press_profiles.py
+	$(BIN)/python benchmarks/smoothness.py
+	$(BIN)/python benchmarks/ink_saving.py
+	$(BIN)/python benchmarks/fuzz_readers.py
 
 # Pages that are made from the code.
 docs: install

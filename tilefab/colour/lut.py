@@ -42,7 +42,7 @@ _REACHED_DELTA_E = 0.2
 _STIFF, _NODE_IMPORTANCE = 0.05, 0.5
 _NEAR_DELTA_E = 6.0
 _NEUTRAL_LAB = 0.05
-_FORWARD_PLACES = 120_000
+_FORWARD_PLACES = 80_000
 _FORWARD_STIFF = 0.1
 
 
@@ -311,30 +311,27 @@ def _between_nodes(
     cells = grid_points((np.arange(nodes - 1.0),) * 3)
     values = axes.values(nodes)
 
-    def missed(places: Float64Array) -> tuple[Float64Array, csr_matrix, Float64Array, Float64Array]:
-        """Colours wanted at places, the weights there, the recipes between the nodes, and by how much they miss."""
+    def wanted(places: Float64Array) -> tuple[Float64Array, csr_matrix, Float64Array]:
+        """Colours wanted at places, the weights of the nodes there, and the recipes between the nodes."""
         lab = np.column_stack([np.interp(places[:, k], np.arange(nodes), values[k]) for k in range(3)])
-        colour = absolute_lab(fit(lab), separator.white_lab)
         weights = multilinear_weights(places, (nodes,) * 3)
-        recipe = np.asarray(weights @ flat)
-        return colour, weights, recipe, np.asarray(delta_e_2000(model.lab(recipe), colour))
+        return absolute_lab(fit(lab), separator.white_lab), weights, np.asarray(weights @ flat)
+
+    def error(recipe: Float64Array, colour: Float64Array) -> Float64Array:
+        return np.asarray(delta_e_2000(model.lab(recipe), colour))
 
     # Cells that lie near enough to the gamut to hold something of it.
-    _, _, _, error = missed(cells + 0.5)
-    cells = cells[error < _NEAR_DELTA_E]
-    places = (cells[:, np.newaxis] + _PLACES_IN_CELL).reshape(-1, 3)
-    colour, weights, recipe, _ = missed(places)
-    right = separator.follow(colour, recipe, iterations=6)
-    made = np.asarray(delta_e_2000(model.lab(right), colour)) < _REACHED_DELTA_E
-    # Black's cap rises within a cell: a recipe just over it is no error.
-    importance = made.astype(np.float64)
-    on_nodes = grid_points((np.arange(float(nodes)),) * 3)
-    _, node_weights, node_recipe, node_error = missed(on_nodes)
-    anchored = _NODE_IMPORTANCE * (node_error < _REACHED_DELTA_E)
+    colour, _, recipe = wanted(cells + 0.5)
+    cells = cells[error(recipe, colour) < _NEAR_DELTA_E]
+    colour, weights, recipe = wanted((cells[:, np.newaxis] + _PLACES_IN_CELL).reshape(-1, 3))
+    right = separator.follow(colour, recipe, iterations=5)
+    made = error(right, colour) < _REACHED_DELTA_E
+    node_colour, node_weights, node_recipe = wanted(grid_points((np.arange(float(nodes)),) * 3))
+    on_node = error(node_recipe, node_colour) < _REACHED_DELTA_E
     return fit_nodes(
         inks,
         vstack([weights, node_weights]).tocsr(),
         np.concatenate([right, node_recipe]),
-        np.concatenate([importance, anchored]),
+        np.concatenate([made.astype(np.float64), _NODE_IMPORTANCE * on_node]),
         stiffness=_STIFF,
     )

@@ -16,6 +16,8 @@ from scipy.sparse.linalg import lsmr
 
 Float64Array = NDArray[np.float64]
 
+_STEPS = 20
+
 
 def multilinear_weights(place: Float64Array, shape: tuple[int, ...]) -> csr_matrix:
     """Weights (S, nodes) of a grid's nodes, in C order, at places (S, I) counted in nodes, as readers interpolate."""
@@ -64,5 +66,5 @@ def fit_nodes(
     missed = (values - weights @ flat) * scale[:, np.newaxis]
     moved = flat.copy()
     for channel in range(flat.shape[1]):
-        moved[:, channel] += lsmr(scaled, missed[:, channel], damp=stiffness, atol=1e-7, btol=1e-7, maxiter=60)[0]
+        moved[:, channel] += lsmr(scaled, missed[:, channel], damp=stiffness, atol=1e-6, btol=1e-6, maxiter=_STEPS)[0]
     return moved.reshape(grid.shape)

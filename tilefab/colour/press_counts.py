@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilefab.colour.grid_layout import each_strip
-from tilefab.colour.limits import limit_total_ink, max_total_counts, quantise_inks
-from tilefab.colour.press_kernels import add_up_inks
+from tilefab.colour.limits import max_total_counts
+from tilefab.colour.press_kernels import keep_limit
 
 _NO_LIMIT = 1 << 62
 
@@ -47,7 +47,7 @@ def limit_counts(
     limit_percent
         Largest total area coverage in percent, above 0; None for none.
     black_channel
-        Kept where others are reduced; see `limit_total_ink`.
+        Kept where the others are reduced in proportion; None: all are.
     threads
         Number of threads, 1 or more; never changes the result.
 
@@ -59,22 +59,20 @@ def limit_counts(
     if not counts.flags.c_contiguous or counts.ndim != 3:
         raise ValueError(f"counts must be (rows, cols, inks), C-contiguous, but are {counts.shape}")
     inks, full = counts.shape[2], int(np.iinfo(counts.dtype).max)
+    if limit_percent is not None and not limit_percent > 0.0:
+        raise ValueError(f"limit_percent {limit_percent} must be above 0")
+    if black_channel is not None and not 0 <= black_channel < inks:
+        raise ValueError(f"black_channel {black_channel} is outside 0 .. {inks - 1}")
     most = _NO_LIMIT if limit_percent is None else max_total_counts(limit_percent, counts.dtype)
+    black = -1 if black_channel is None else black_channel
     flat = counts.reshape(-1, inks)
     lock = threading.Lock()
     sums, largest, limited = np.zeros(inks, np.int64), 0, 0
 
     def convert(strip: NDArray[Any], to: int) -> None:
         nonlocal largest, limited
-        part = flat[to : to + strip.shape[0] * strip.shape[1]]
         own = np.zeros(inks, np.int64)
-        top, above = add_up_inks(part, most, own)
-        if above and limit_percent is not None:
-            over = part.sum(axis=1, dtype=np.int64) > most
-            frac = part[over].astype(np.float32) / np.float32(full)
-            part[over] = quantise_inks(limit_total_ink(frac, limit_percent, black_channel), counts.dtype, limit_percent)
-            own[:] = 0
-            top, _ = add_up_inks(part, most, own)
+        top, above = keep_limit(flat[to : to + strip.shape[0] * strip.shape[1]], most, black, own)
         with lock:
             sums[:] += own
             largest, limited = max(largest, int(top)), limited + above

@@ -29,8 +29,8 @@ SeparationStyle = Literal["standard", "least_ink"]
 
 _SLICE_COLOURS = 512
 _DARK_NEUTRALITY = 4.0
-_FIRST_DAMPING = 1.0
-_SMALL_STEP = 1e-5
+_FIRST_DAMPING = 0.1
+_SMALL_STEP = 5e-5
 _COARSEST_NODES = 11
 _LEAST_INK_PRICE = 0.5
 _STANDARD_PRICE = 0.03
@@ -387,7 +387,7 @@ class Separator:
             )
         return result
 
-    def follow(self, lab_d50: Float64Array, near: Float64Array, *, iterations: int = 12) -> Float64Array:
+    def follow(self, lab_d50: Float64Array, near: Float64Array, *, iterations: int = 8) -> Float64Array:
         """Inks (M, N) for colours (M, 3) that stay as near as can be to recipes (M, N) of about those colours."""
         colours = np.asarray(lab_d50, dtype=np.float64)
         return self.solve(

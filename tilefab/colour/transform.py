@@ -300,7 +300,7 @@ class PressTransform:
 
         def convert(lab16: NDArray[np.uint16], *, threads: int = 1) -> NDArray[Any]:
             ink_frac = self.inks_from_lab(decode_lab16(lab16), threads=threads)
-            return np.rint(ink_frac * np.float32(np.iinfo(target).max)).astype(target)
+            return np.asarray(np.rint(ink_frac * np.float32(np.iinfo(target).max)), dtype=target)
 
         return convert
 

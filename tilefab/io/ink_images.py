@@ -49,8 +49,8 @@ def read_ink_image(path: Path) -> InkImage:
             page = file.pages.first
             if page.photometric != tifffile.PHOTOMETRIC.SEPARATED:
                 raise ImageError(
-                    f"{path}: its channels are {tifffile.PHOTOMETRIC(page.photometric).name}, not inks; give a separated "
-                    "TIFF, as tilefab writes them",
+                    f"{path}: its channels are {tifffile.PHOTOMETRIC(page.photometric).name}, not inks; give a "
+                    "separated TIFF, as tilefab writes them",
                     path=str(path),
                 )
             pixels = page.asarray().reshape(page.shape)

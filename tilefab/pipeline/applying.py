@@ -122,7 +122,7 @@ def apply_profile(
     Parameters
     ----------
     image
-        Anything that `read_scan` reads. Its colours are those of ``source_profile``, else of the profile embedded in it;
+        Anything that `read_scan` reads. Its colours are those of ``source_profile``, else of the embedded profile;
         without either, whole numbers are sRGB and floating point is linear light. Where it is transparent, no ink
         is laid.
     output
@@ -216,14 +216,14 @@ def apply_link(
     inputs, inks = link.channels, channels_of(link.pcs)
     if table.target != "ink" or table.source not in ("ink", "rgb", "gray") or max(inputs, inks) > MOST_CHANNELS:
         raise ProfileError(
-            f"{link_path}: leads from {link.colour_space} to {link.pcs}, but links from RGB, gray or 1 to 8 inks to 1 to "
-            "8 inks can be printed through: choose another",
+            f"{link_path}: leads from {link.colour_space} to {link.pcs}, but print data takes a link from RGB, gray or "
+            "1 to 8 inks to 1 to 8 inks: choose another",
             path=str(link_path),
         )
     profile = None if profile_path is None else read_icc_profile(profile_path)
     if profile is not None and (profile.device_class != "prtr" or profile.channels != inks):
         raise ProfileError(
-            f"{profile_path}: is no profile of a press with the {inks} inks that {link_path.name} leads to: choose that",
+            f"{profile_path}: is no profile of a press with the {inks} inks of {link_path.name}: choose its own",
             path=str(profile_path),
         )
     progress.stage(_STAGES[0], 0.0)
@@ -237,8 +237,8 @@ def apply_link(
     progress.stage(_STAGES[0], 1.0)
     if pixels.shape[2] != inputs or pixels.dtype.kind == "f":
         raise ImageError(
-            f"{image}: has {pixels.shape[2]} channels of {pixels.dtype}, but {link_path.name} takes {inputs} of 8 or 16 "
-            f"bits ({link.colour_space}): give an image made for it",
+            f"{image}: has {pixels.shape[2]} channels of {pixels.dtype}, but {link_path.name} takes {inputs} of 8 or "
+            f"16 bits ({link.colour_space}): give an image made for it",
             path=str(image),
         )
     names = link_ink_names(link) if profile is None else profile.ink_names
@@ -324,7 +324,7 @@ def _write(
 def _check_output(output: Path, read: tuple[Path | None, ...]) -> None:
     if output.suffix.lower() not in _SUFFIXES:
         raise OutputError(
-            f"{output}: unknown format {output.suffix or '(no ending)'}; print data is a TIFF: let its name end in .tif",
+            f"{output}: unknown format {output.suffix or '(no ending)'}; print data is a TIFF: end the name in .tif",
             path=str(output),
         )
     if any(path is not None and path.resolve() == output.resolve() for path in read):
@@ -345,8 +345,8 @@ def _source_profile(image: Path, channels: int, scan: Scan, path: Path | None) -
     wanted = {1: "GRAY", 3: "RGB"}[channels]
     if profile.device_class not in ("scnr", "mntr", "spac", "prtr") or profile.colour_space != wanted:
         raise ProfileError(
-            f"{path}: a profile of class {profile.device_class} for {profile.colour_space}, but {image.name} is {wanted}: "
-            "give the profile of the device that the image is from",
+            f"{path}: a profile of class {profile.device_class} for {profile.colour_space}, but {image.name} is "
+            f"{wanted}: give the profile of the device that the image is from",
             path=str(path),
         )
     return profile.data
@@ -361,7 +361,7 @@ def _sampled(transform: PressTransform, source: bytes | None, channels: int) -> 
         else:
             rgb_lin = rgb_lin_from_srgb(np.repeat(values, 3, axis=1) if channels == 1 else values)
             xyz = (rgb_lin @ XYZ_D50_FROM_RGB_LIN.T)[np.newaxis]
-        return transform.inks_from_lab(lab_from_xyz(xyz))[0].astype(np.float64)
+        return np.asarray(transform.inks_from_lab(lab_from_xyz(xyz))[0], dtype=np.float64)
 
     if channels == 1:
         return bake(inks_of, "gray", "ink", 1)

@@ -1,4 +1,4 @@
-"""``tilefab profile check``: everything that can be told of a press profile from its own tables, and from measurements."""
+"""``tilefab profile check``: what can be told of a press profile from its own tables and from measurements."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from tilefab.report.profile_view import ImageMatchView, MatchView, ProfileCheckV
 STAGE = "Checking the profile"
 SHEET_SUFFIXES = (".pdf", ".png")
 _COLOURS = 4000
-_HUE_RAMPS = {0: "red", 6: "orange to yellow", 12: "green-yellow", 18: "green", 24: "blue", 30: "violet"}
+_HUE_RAMPS = {3: "red", 6: "orange", 9: "yellow", 16: "green", 27: "blue", 33: "magenta"}
 
 
 def check_sheet_path(path: Path) -> None:
@@ -170,13 +170,18 @@ def _facts(tables: CheckedTables, embedded: str) -> ProfileFactsView:
         ink_names=profile.ink_names,
         white_lab=triple(tables.absolute(np.zeros((1, tables.inks)))[0]),
         dark_lab=None if dark is None else triple(dark),
-        ink_limit_percent=100.0 * max(limits.values()) if limits else None,
-        ink_limits_percent=tuple((intent, 100.0 * limit) for intent, limit in limits.items()),
-        ink_most_percent=tuple(float(value) for value in 100.0 * tables.most_frac) if limits else (),
+        ink_limit_percent=_percent(max(limits.values())) if limits else None,
+        ink_limits_percent=tuple((intent, _percent(limit)) for intent, limit in limits.items()),
+        ink_most_percent=tuple(_percent(value) for value in tables.most_frac) if limits else (),
         embedded=embedded,
         missing=tables.missing,
         same_tables=tables.same,
     )
+
+
+def _percent(share: float) -> float:
+    """In percent, less what 16-bit codes add."""
+    return round(100.0 * float(share), 2)
 
 
 def check_facts(view: ProfileCheckView) -> dict[str, Any]:

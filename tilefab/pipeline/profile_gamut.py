@@ -61,8 +61,8 @@ def cusps(tables: CheckedTables, printable: Float64Array, hues: int = HUES) -> F
     lightness = np.arange(2.0, 100.0, 2.0)
     chroma = np.arange(0.0, np.hypot(printable[:, 1], printable[:, 2]).max() + 2.0, 1.0)
     angle = 2.0 * np.pi * np.arange(hues) / hues
-    h, l, c = np.meshgrid(angle, lightness, chroma, indexing="ij")
-    lab = np.stack([l, c * np.cos(h), c * np.sin(h)], axis=-1)
+    hue, level, c = np.meshgrid(angle, lightness, chroma, indexing="ij")
+    lab = np.stack([level, c * np.cos(hue), c * np.sin(hue)], axis=-1)
     inside = _error(tables, lab) < REACHED_DELTA_E
     flat = np.where(inside, c, -1.0).reshape(hues, -1)
     best = flat.argmax(axis=1)
@@ -117,9 +117,9 @@ def _level(tables: CheckedTables, level: float, low: Float64Array, high: Float64
 def _hue_plane(tables: CheckedTables, hue: float, printable: Float64Array, sample: Float64Array) -> PlaneView:
     most = float(np.hypot(printable[:, 1], printable[:, 2]).max()) + _MARGIN
     across, upward = np.linspace(-most, most, _PLANE), np.linspace(0.0, 100.0, _PLANE)
-    c, l = np.meshgrid(across, upward)
+    c, level = np.meshgrid(across, upward)
     turn = np.radians(hue)
-    lab = np.stack([l, c * np.cos(turn), c * np.sin(turn)], axis=-1)
+    lab = np.stack([level, c * np.cos(turn), c * np.sin(turn)], axis=-1)
     error = _error(tables, lab)
     picture = np.where((error < REACHED_DELTA_E)[..., np.newaxis], srgb8(lab), _WHITE)[::-1]
     chroma = np.hypot(sample[:, 1], sample[:, 2])

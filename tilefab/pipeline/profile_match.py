@@ -146,7 +146,7 @@ def _renamed(ours: tuple[str, ...], theirs: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def round_trips(tables: CheckedTables, lab: Float64Array) -> tuple[RoundTripView, ...]:
-    """Printable colours through each intent that has a table of its own to inks, and through the relative table back."""
+    """Printable colours through each intent with a table of its own to inks, and through the relative table back."""
     found = []
     for intent in INTENTS:
         if intent not in tables.backward or intent in tables.same:

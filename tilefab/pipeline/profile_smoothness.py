@@ -15,6 +15,7 @@ LINE_STEPS = 32
 STEP_DELTA_E = 1.0
 _REACHED_DELTA_E = 1.0
 _LINES_AT_ONCE = 2000
+_MOST_TRIES = 4
 _RAMP = 257
 _TONES = 101
 _BACK_L = 0.1
@@ -35,7 +36,7 @@ def smoothness(tables: CheckedTables, lab: Float64Array, lines: int = LINES) -> 
     lab
         Printable colours (K, 3).
     lines
-        How many lines to try.
+        How many lines to follow; fewer where a small gamut has too little room for them.
     """
     neutral = neutral_ramp(tables, "relative").printed if tables.backward else None
     tone = tone_curves(tables)
@@ -68,25 +69,31 @@ def _lines_inside(
 ) -> list[tuple[Float64Array, Float64Array, Float64Array]]:
     """Inks (n, 33, N), printed and wanted Lab (n, 33, 3) of the lines that stay inside, in parts."""
     random = rng.generator(0, "lines in Lab")
-    start, end = lab[random.integers(len(lab), size=lines)], lab[random.integers(len(lab), size=lines)]
-    way = end - start
-    length = np.linalg.norm(way, axis=1)
-    long = length >= LINE_STEPS * STEP_DELTA_E
-    start, way = start[long], way[long] / length[long, np.newaxis]
-    steps = STEP_DELTA_E * np.arange(LINE_STEPS + 1)
-    found = []
-    for begin in range(0, len(start), _LINES_AT_ONCE):
-        chosen = slice(begin, begin + _LINES_AT_ONCE)
-        wanted = start[chosen, np.newaxis] + way[chosen, np.newaxis] * steps[:, np.newaxis]
+    steps = STEP_DELTA_E * np.arange(LINE_STEPS + 1)[:, np.newaxis]
+    found: list[tuple[Float64Array, Float64Array, Float64Array]] = []
+    left = lines
+    for _ in range(max(1, _MOST_TRIES * lines // _LINES_AT_ONCE)):
+        start, end = lab[random.integers(len(lab), size=(2, _LINES_AT_ONCE))]
+        length = np.linalg.norm(end - start, axis=1)
+        far = length >= LINE_STEPS * STEP_DELTA_E
+        if not far.any():
+            continue
+        way = (end[far] - start[far]) / length[far, np.newaxis]
+        wanted = start[far, np.newaxis] + way[:, np.newaxis] * steps
         inks = tables.ink_frac(wanted.reshape(-1, 3))
         printed = tables.lab(inks).reshape(wanted.shape)
-        kept = np.asarray(delta_e_2000(printed, wanted)).max(axis=1) < _REACHED_DELTA_E
-        found.append((inks.reshape(*wanted.shape[:2], -1)[kept], printed[kept], wanted[kept]))
-    return [part for part in found if len(part[0])]
+        inside = np.asarray(delta_e_2000(printed, wanted)).max(axis=1) < _REACHED_DELTA_E
+        kept = np.flatnonzero(inside)[:left]
+        if len(kept):
+            found.append((inks.reshape(*wanted.shape[:2], -1)[kept], printed[kept], wanted[kept]))
+            left -= len(kept)
+        if not left:
+            break
+    return found
 
 
 def reversals(values: Float64Array, direction: float) -> int:
-    """How often a curve (K,) goes back by more than 0.1 before it goes on; ``direction`` is 1 for rising, -1 for falling.
+    """How often a curve (K,) goes back by more than 0.1; ``direction`` is 1 for one that rises, -1 for one that falls.
 
     >>> reversals(np.array([9.0, 7.0, 8.0, 5.0, 5.05, 2.0]), -1.0)
     1

@@ -22,7 +22,7 @@ _TAG_NUMBERS = {"perceptual": 0, "relative": 1, "saturation": 2}
 _MOST_INKS = 8
 _RECIPES = 60_000
 _MOST_INKS_MIXED = 4
-_CELL = 4.0
+_CELLS = (4.0, 3.0, 2.0, 1.5, 1.0)
 _SAMPLED_LEVELS = 33
 
 
@@ -170,7 +170,7 @@ def printable_colours(tables: CheckedTables, count: int) -> tuple[Float64Array, 
     """Colours within the profile's own ink limits, spread evenly over the solid that they fill; always the same ones.
 
     Mixtures of few inks are drawn, for they make the gamut's surface, and cut to the total limit; of those that fall
-    into one cell of Lab one is kept.
+    into one cell of Lab one is kept. Cells are 4 units wide, and less where that gives too few colours.
 
     Parameters
     ----------
@@ -193,8 +193,11 @@ def printable_colours(tables: CheckedTables, count: int) -> tuple[Float64Array, 
     total = recipes.sum(axis=1, keepdims=True)
     recipes *= np.minimum(1.0, tables.limit_frac / np.maximum(total, 1e-9))
     lab = tables.lab(recipes)
-    cells = np.floor(lab / _CELL).astype(np.int64) + 1000
-    _, first = np.unique(cells @ np.array([4_000_000, 2_000, 1]), return_index=True)
+    for side in _CELLS:
+        cells = np.floor(lab / side).astype(np.int64) + 1000
+        _, first = np.unique(cells @ np.array([4_000_000, 2_000, 1]), return_index=True)
+        if len(first) >= count:
+            break
     kept = random.permutation(first)[:count]
     return lab[kept], recipes[kept], lab
 

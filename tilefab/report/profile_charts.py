@@ -41,6 +41,8 @@ _DASHES: tuple[tuple[float, ...], ...] = (
     (5.0, 1.2, 1.2, 1.2, 1.2, 1.2),
     (1.2, 2.6),
 )
+_LEVEL_STOPS = (10.0, 40.0, 65.0, 90.0)
+_LEVEL_RGB = ((0.25, 0.10, 0.10, 0.95), (0.03, 0.35, 0.65, 0.62), (0.40, 0.70, 0.35, 0.10))
 _DARKEST_LUMA = 165.0
 _STRIP_ROWS = 2
 
@@ -209,10 +211,8 @@ def draw_levels(
 
 
 def level_colour(level: float) -> Color:
-    """From dark blue for L* 0 to light orange for L* 100: hue and lightness both tell."""
-    share = level / 100.0
-    dark, light = np.array([0.08, 0.10, 0.35]), np.array([0.98, 0.66, 0.15])
-    return Color(*(float(part) for part in dark + share * (light - dark)))
+    """From dark violet for L* 10 over blue and green to orange for L* 90: hue and lightness both tell."""
+    return Color(*(float(np.interp(level, _LEVEL_STOPS, part)) for part in _LEVEL_RGB))
 
 
 def draw_plane(canvas: Canvas, plane: PlaneView, x: float, top: float, width: float, height: float) -> None:
@@ -234,10 +234,26 @@ def draw_plane(canvas: Canvas, plane: PlaneView, x: float, top: float, width: fl
                 (cols[1] - cols[0]) / total_cols * axes.width,
                 (rows[1] - rows[0]) / total_rows * axes.height,
             )
+    _draw_lines(canvas, axes)
     draw_pieces(canvas, axes, plane.outline, INK, 0.7)
-    draw_points(canvas, axes, plane.points, WHITE, 1.7)
-    draw_points(canvas, axes, plane.points, INK, 0.9)
+    draw_points(canvas, axes, plane.points, WHITE, 1.5)
+    draw_points(canvas, axes, plane.points, INK, 0.8)
     canvas.restoreState()
+    canvas.setStrokeColor(GREY)
+    canvas.setLineWidth(0.6)
+    canvas.rect(axes.x, axes.bottom, axes.width, axes.height, stroke=1, fill=0)
+
+
+def _draw_lines(canvas: Canvas, axes: Axes) -> None:
+    """Draw the grid's lines again, over a picture."""
+    canvas.setStrokeColor(RULE)
+    canvas.setLineWidth(0.3)
+    for value in ticks(axes.x_low, axes.x_high):
+        x, _ = axes.at(value, axes.y_low)
+        canvas.line(x, axes.bottom, x, axes.bottom + axes.height)
+    for value in ticks(axes.y_low, axes.y_high):
+        _, y = axes.at(axes.x_low, value)
+        canvas.line(axes.x, y, axes.x + axes.width, y)
 
 
 def _cut_to_colours(picture: RgbImage) -> tuple[tuple[int, int], tuple[int, int], RgbImage] | None:

@@ -47,16 +47,17 @@ GAMUT = "Gamut"
 TONE = "Tone and measurements"
 _HALF = (WIDTH - GUTTER) / 2
 _THIRD = (WIDTH - 2 * GUTTER) / 3
-_PLANE_HEIGHT = 56 * MM
-_TONE_HEIGHT = 52 * MM
+_PLANE_HEIGHT = 66 * MM
+_TONE_HEIGHT = 58 * MM
 _HISTOGRAM_HEIGHT = 46 * MM
 _MOST_POINTS = 1500
+_NO_GAMUT = "The profile has no table from colour to inks: no gamut can be drawn."
 _STRIP = 3.6 * MM
 _STRIP_NAME = 26 * MM
 _PATCH_ROW = 6.0 * MM
 _PATCH_COLUMNS = (0.0, 16 * MM, 38 * MM, 98 * MM, 128 * MM, 158 * MM)
 _BIAS_ROW = 4.8 * MM
-_BIAS_COLUMNS = (0.0, 27 * MM, 38 * MM, 47 * MM, 56 * MM, 65 * MM)
+_BIAS_COLUMNS = (0.0, 22 * MM, 34 * MM, 46 * MM, 58 * MM, 70 * MM)
 
 
 def gamut_pages(view: ProfileCheckView) -> list[Page]:
@@ -68,9 +69,7 @@ def gamut_pages(view: ProfileCheckView) -> list[Page]:
     )
     blocks = [section_heading("Gamut", note)]
     if not gamut.levels:
-        return flow(
-            GAMUT, [*blocks, text_block("The profile has no table from colour to inks: no gamut can be drawn.")]
-        )
+        return flow(GAMUT, [*blocks, text_block(_NO_GAMUT)])
     blocks += [_levels_block(gamut), space(2 * MM)]
     for place in range(0, len(gamut.hue_planes), 2):
         blocks.append(_planes_block(gamut, place))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -38,10 +39,10 @@ SEPARATION = "Separation"
 SMOOTHNESS = "Ramps to look at"
 _LEFT_WIDTH = 0.60 * WIDTH
 _RIGHT_WIDTH = WIDTH - _LEFT_WIDTH - GUTTER
-_NEUTRAL_HEIGHT = 56 * MM
-_HUE_HEIGHT = 44 * MM
+_NEUTRAL_HEIGHT = 64 * MM
+_HUE_HEIGHT = 52 * MM
 _HALF = (WIDTH - GUTTER) / 2
-_STRIP = 3.2 * MM
+_STRIP = 4.2 * MM
 _FIELD_HEIGHT = 38 * MM
 _RAMP_HEIGHT = 7 * MM
 _PRINTED_NOTE = "upper half: as wanted; lower half: as printed"
@@ -61,12 +62,10 @@ def _separation(view: ProfileCheckView) -> list[Page]:
     note = f"Inks along neutral colours from white to black, and what is printed. Strips: {_PRINTED_NOTE}.{same}"
     blocks = [section_heading(SEPARATION, note), _legend(view)]
     blocks += [_neutral_block(ramp, colours) for ramp in view.neutrals]
-    pages = flow(SEPARATION, blocks)
-    note = "Relative intent, from white to the strongest colour of a hue and on to black, at even steps of ΔE*ab."
-    hue_blocks = [section_heading("Separation of hues", f"{note} Strips: {_PRINTED_NOTE}."), _legend(view)]
-    for place in range(0, len(view.hues), 2):
-        hue_blocks.append(_hue_block(view.hues[place : place + 2], colours))
-    return pages + flow(SEPARATION, hue_blocks)
+    note = "Relative intent, from white to the strongest colour of a hue and on to black, at even steps of ΔE*ab"
+    rows = [_hue_block(view.hues[place : place + 2], colours) for place in range(0, len(view.hues), 2)]
+    blocks += [space(1 * MM), text_block(note), *(replace(row, head=_legend(view)) for row in rows)]
+    return flow(SEPARATION, blocks)
 
 
 def _legend(view: ProfileCheckView) -> Block:
@@ -99,7 +98,7 @@ def _neutral_block(ramp: RampView, colours: Sequence[object]) -> Block:
         draw_falling_grid(canvas, axes, "", "ink, %")
         draw_curves(canvas, axes, lightness, list(ramp.ink_percent.T), colours)
         _draw_pair(canvas, ramp, axes.x, axes.bottom - 4.2 * MM, axes.width)
-        draw_text(canvas, "L*", LEFT, axes.bottom - 0.6 * MM, 8 * MM, SMALL_MUTED)
+        draw_text(canvas, "L*", LEFT, axes.bottom - 2, 8 * MM, SMALL_MUTED)
         right = LEFT + _LEFT_WIDTH + GUTTER
         draw_title(canvas, "Printed a* (full) and b* (dashed)", right, top, _RIGHT_WIDTH)
         axes = lightness_axes(right, top, _RIGHT_WIDTH, _NEUTRAL_HEIGHT, (-reach, reach))
@@ -120,11 +119,12 @@ def _hue_block(ramps: Sequence[RampView], colours: Sequence[object]) -> Block:
             draw_title(canvas, title, left, top, _HALF)
             steps = np.linspace(0.0, 100.0, len(ramp.wanted))
             axes = chart_axes(left, top, _HALF, _HUE_HEIGHT, (0.0, 100.0), (0.0, 100.0))
-            draw_grid(canvas, axes, "", "ink, %", x_most=1)
+            draw_grid(canvas, axes, "", "ink, %")
+            draw_text(canvas, "way, %", left, axes.bottom - 2, 10 * MM, SMALL_MUTED)
             draw_curves(canvas, axes, steps, list(ramp.ink_percent.T), colours)
-            _draw_pair(canvas, ramp, axes.x, axes.bottom - 1.0 * MM, axes.width)
+            _draw_pair(canvas, ramp, axes.x, axes.bottom - 4.2 * MM, axes.width)
 
-    return Block(_HUE_HEIGHT + 5 * MM, draw)
+    return Block(_HUE_HEIGHT + 4 * MM, draw)
 
 
 def _fields(view: ProfileCheckView) -> list[Page]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from tilefab.report.layout import Block, Page, flow, space, two_columns
 from tilefab.report.profile_view import ProfileCheckView, RoundTripView, SpreadView, VerdictView
@@ -67,15 +68,18 @@ def subheading(text: str) -> Block:
 
 
 def _title(view: ProfileCheckView) -> Block:
-    titles = wrap(view.facts.description, WIDTH, TITLE, 2, middle=True)
+    style = TITLE
+    while style.size > 12 and len(wrap(view.facts.description, WIDTH, style)) > 2:
+        style = replace(style, size=style.size * 0.94, leading=style.leading * 0.94)
+    titles = wrap(view.facts.description, WIDTH, style, 2, middle=True)
     files = wrap(view.facts.path, WIDTH, MUTED, 2, middle=True)
-    height = 4 * MM + SUBHEADING.leading + len(titles) * TITLE.leading + len(files) * MUTED.leading + 5 * MM
+    height = 4 * MM + SUBHEADING.leading + len(titles) * style.leading + len(files) * MUTED.leading + 5 * MM
 
     def draw(canvas: Canvas, top: float) -> None:
         canvas.setFillColor(ACCENT)
         canvas.rect(LEFT, top - 1.2 * MM, 18 * MM, 1.2 * MM, stroke=0, fill=1)
         y = draw_text(canvas, "Profile check", LEFT, top - 4 * MM, WIDTH, SUBHEADING)
-        y = draw_lines(canvas, titles, LEFT, y, TITLE)
+        y = draw_lines(canvas, titles, LEFT, y, style)
         draw_lines(canvas, files, LEFT, y, MUTED)
 
     return Block(height, draw, keep=True)
