@@ -11,8 +11,9 @@ import numpy as np
 from machine import machine_name
 
 from sim.press import CeramicPress
-from tilefab.colour import PressTransform, delta_e_2000, relative_lab
+from tilefab.colour import delta_e_2000, relative_lab
 from tilefab.io.icc import read_icc_profile
+from tilefab.io.press_profile import press_transform
 from tilefab.pipeline.plan import shipped_profiles
 
 LIMIT = 2.8
@@ -25,7 +26,7 @@ def main() -> None:
     count = parser.parse_args().colours
     profile = read_icc_profile(shipped_profiles() / "demo_ceramic.icc")
     press = CeramicPress()
-    transform = PressTransform(profile.data, "relative", profile.channels)
+    transform = press_transform(profile, "relative")
     random = np.random.default_rng(20261122)
     inks = random.random((4 * count, profile.channels))
     inks = inks[inks.sum(axis=1) <= LIMIT][:count]

@@ -38,7 +38,7 @@ def small_tables(inks: int, grid: int = 3, back_grid: int = 5) -> tuple[ForwardT
     draw = np.random.default_rng(inks)
     forward = draw.uniform([20, -40, -40], [95, 40, 40], (grid,) * inks + (3,))
     forward[(0,) * inks] = (100.0, 0.0, 0.0)
-    curves, _ = backward_axes(back_grid)
+    curves = backward_axes(back_grid).curves
     back = draw.random((3, *(back_grid,) * 3, inks))
     ink_curves = np.tile(np.linspace(0.0, 1.0, 256) ** 0.8, (inks, 1))
     gamut = draw.random((back_grid,) * 3)

@@ -63,8 +63,9 @@ def _show(view: ProfileCheckView, files: tuple[Path, ...]) -> None:
     table.add_row("inks", ", ".join(facts.ink_names))
     limit = "unknown" if facts.ink_limit_percent is None else f"{facts.ink_limit_percent:.0f} %"
     table.add_row("total ink", limit)
-    if view.gamut.volume is not None:
-        table.add_row("gamut", f"{view.gamut.volume:.0f} cubic units of Lab")
+    reached = view.gamut.share_reached
+    within = "" if reached is None else f", {100.0 * reached:.0f} % of them reached within ΔE 1"
+    table.add_row("gamut", f"{view.gamut.volume:.0f} cubic units of Lab{within}")
     for verdict in view.verdicts:
         line = Text(f"{verdict.grade}: ", style=_GRADE_STYLES[verdict.grade]) + Text(verdict.text, style="default")
         table.add_row(verdict.what.lower(), line)

@@ -20,6 +20,7 @@ from scipy import ndimage
 
 from tilefab.colour.press_model import PressArrays, PressModel, press_at, press_work
 from tilefab.colour.qp import bounded_step
+from tilefab.colour.spaces import delta_e_2000
 from tilefab.jit import kernel
 
 Float64Array = NDArray[np.float64]
@@ -31,12 +32,15 @@ _SLICE_COLOURS = 512
 _DARK_NEUTRALITY = 4.0
 _FIRST_DAMPING = 0.1
 _SMALL_STEP = 5e-5
-_COARSEST_NODES = 11
-_LEAST_INK_PRICE = 0.5
-_STANDARD_PRICE = 0.03
-_SPARING = 0.05
+_COARSEST_NODES = 17
+_LEAST_INK_PRICE, _PRICE_OF_TOLERANCE = 0.05, 24.0
+_MOST_OF_TOLERANCE, _TOLERANCE_ROUNDS = 1.1, 4
+_STANDARD_PRICE = 0.01
+_SPARING = 0.02
+_BLACK_RISE = 1.8
 _SMOOTHING_ROUNDS = 3
-_AGREEMENT = 0.5
+_AGREEMENT = 0.1
+_STRONG_WISH, _WISH = 30.0, 0.1
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,9 @@ class SeparationSettings:
         ``"standard"`` or ``"least_ink"``.
     prices
         What each ink costs, in any unit; None is the same for all. Only their ratios matter.
+    tolerance
+        By how much colours may move for cheaper inks, CIEDE2000, about: never a tenth more,
+        less where ink is well spent; 0 keeps colours exact. Only `Separator.follow` heeds it (least_ink).
     black_start
         Share of the way from white to the darkest colour, 0 to 1, at which black is first wished for (standard).
     black_most
@@ -73,9 +80,10 @@ class SeparationSettings:
     black_channel: int | None = 3
     style: SeparationStyle = "standard"
     prices: tuple[float, ...] | None = None
-    black_start: float = 0.25
+    tolerance: float = 0.0
+    black_start: float = 0.4
     black_most: float = 0.95
-    black_chroma: float = 28.0
+    black_chroma: float = 18.0
     grain_start: float = 0.08
     grain_end: float = 0.35
     hue_weight: float = 2.0
@@ -106,7 +114,7 @@ def solve_rows(
     start, anchor, pull
         (M, N) feasible starting points, (M, N) wishes, (M, N) their weights.
     price
-        (N,) what a whole ink costs.
+        (M, N) what a whole ink costs.
     upper, total_limit
         (M, N) largest fraction of each ink, and largest sum.
     press
@@ -140,7 +148,7 @@ def solve_rows(
                 residual[k] += metric[row, k, m] * (lab[m] - lab_d50[row, m])
             cost += residual[k] ** 2
         for i in range(inks):
-            cost += pull[row, i] * (here[i] - anchor[row, i]) ** 2 + 2.0 * price[i] * here[i]
+            cost += pull[row, i] * (here[i] - anchor[row, i]) ** 2 + 2.0 * price[row, i] * here[i]
         damping = _FIRST_DAMPING
         for _ in range(iterations):
             for k in range(3):
@@ -150,7 +158,7 @@ def solve_rows(
                         weighted[k, i] += metric[row, k, m] * jacobian[m, i]
             room = total_limit
             for i in range(inks):
-                grad[i] = pull[row, i] * (here[i] - anchor[row, i]) + price[i]
+                grad[i] = pull[row, i] * (here[i] - anchor[row, i]) + price[row, i]
                 for k in range(3):
                     grad[i] += weighted[k, i] * residual[k]
                 for j in range(inks):
@@ -174,7 +182,7 @@ def solve_rows(
                     value += metric[row, k, m] * (lab[m] - lab_d50[row, m])
                 trial_cost += value**2
             for i in range(inks):
-                trial_cost += pull[row, i] * (trial[i] - anchor[row, i]) ** 2 + 2.0 * price[i] * trial[i]
+                trial_cost += pull[row, i] * (trial[i] - anchor[row, i]) ** 2 + 2.0 * price[row, i] * trial[i]
             if trial_cost < cost:
                 cost = trial_cost
                 here[:] = trial
@@ -192,22 +200,33 @@ def solve_rows(
 
 
 def error_metric(lab_d50: Float64Array, hue_weight: float) -> Float64Array:
-    """Matrices (M, 3, 3) that turn Lab errors at colours (M, 3) into weighted LCh errors.
+    """Matrices (M, 3, 3) that turn small Lab errors at colours (M, 3) into those that CIEDE2000 weighs.
 
-    Chroma counts less at high chroma, as in CIE94; hue counts ``hue_weight`` times what CIE94 gives it.
-    Within the gamut the weights don't matter, since the error is nil.
+    Hue counts ``hue_weight`` times as much at high chroma, which only matters out of gamut: inside, errors are nil.
+
+    References
+    ----------
+    G. Sharma, W. Wu, E. N. Dalal (2005), as `tilefab.colour.spaces.delta_e_2000`, without the rotation term.
     """
-    chroma = np.hypot(lab_d50[:, 1], lab_d50[:, 2])
-    direction = lab_d50[:, 1:] / np.maximum(chroma, 1e-9)[:, np.newaxis]
+    lightness, a, b = lab_d50.T
+    seventh = np.hypot(a, b) ** 7
+    stretch = 1.5 - 0.5 * np.sqrt(seventh / (seventh + 25.0**7))
+    chroma = np.hypot(a * stretch, b)
+    direction = np.column_stack([a * stretch, b]) / np.maximum(chroma, 1e-9)[:, np.newaxis]
     direction[chroma < 1e-9] = (1.0, 0.0)
-    judged = np.minimum(chroma, 60.0)
+    hue = np.degrees(np.arctan2(b, a * stretch))
+    t = 1.0 - 0.17 * np.cos(np.radians(hue - 30.0)) + 0.24 * np.cos(np.radians(2.0 * hue))
+    t += 0.32 * np.cos(np.radians(3.0 * hue + 6.0)) - 0.20 * np.cos(np.radians(4.0 * hue - 63.0))
+    s_l = 1.0 + 0.015 * (lightness - 50.0) ** 2 / np.sqrt(20.0 + (lightness - 50.0) ** 2)
+    s_c, s_h = 1.0 + 0.045 * chroma, 1.0 + 0.015 * chroma * t
     # Near the neutral axis hue means nothing: the extra weight fades in.
-    extra = 1.0 + (hue_weight - 1.0) * judged / (judged + 10.0)
+    extra = 1.0 + (hue_weight - 1.0) * chroma / (chroma + 10.0)
     metric = np.zeros((len(lab_d50), 3, 3))
-    metric[:, 0, 0] = 1.0
-    metric[:, 1, 1:] = direction / (1.0 + 0.045 * judged)[:, np.newaxis]
-    metric[:, 2, 1] = -direction[:, 1] * extra / (1.0 + 0.015 * judged)
-    metric[:, 2, 2] = direction[:, 0] * extra / (1.0 + 0.015 * judged)
+    metric[:, 0, 0] = 1.0 / s_l
+    metric[:, 1, 1] = direction[:, 0] * stretch / s_c
+    metric[:, 1, 2] = direction[:, 1] / s_c
+    metric[:, 2, 1] = -direction[:, 1] * stretch * extra / s_h
+    metric[:, 2, 2] = direction[:, 0] * extra / s_h
     return metric
 
 
@@ -221,7 +240,7 @@ def black_wish(depth: Float64Array, chroma: Float64Array, settings: SeparationSe
     """
     way = np.clip((depth - settings.black_start) / (1.0 - settings.black_start), 0.0, 1.0)
     fade = np.exp(-((chroma / settings.black_chroma) ** 2))
-    return np.asarray(settings.black_most * way * way * (3.0 - 2.0 * way) * fade, dtype=np.float64)
+    return np.asarray(settings.black_most * way**_BLACK_RISE * fade, dtype=np.float64)
 
 
 def black_cap(depth: Float64Array, settings: SeparationSettings) -> Float64Array:
@@ -290,7 +309,7 @@ class Separator:
         errors = error_metric(colours, self.settings.hue_weight) if metric is None else metric
         most = np.broadcast_to(self.upper, start.shape).copy() if upper is None else upper
         first = self.feasible(start, most)
-        costs = np.zeros(self.model.inks) if price is None else price
+        costs = np.zeros_like(first) if price is None else price
         out = np.empty_like(first)
 
         def one(part: slice) -> None:
@@ -300,7 +319,7 @@ class Separator:
                 first[part],
                 anchor[part],
                 pull[part],
-                costs,
+                costs[part],
                 most[part],
                 self.settings.total_limit,
                 self.model.arrays,
@@ -361,49 +380,85 @@ class Separator:
         depth = self.depth(colours)
         upper = self.limits_at(colours)
         first = np.repeat((0.5 * depth)[:, np.newaxis], self.model.inks, axis=1)
+        anchor, pull, price = self._objective(colours)
         black = self.settings.black_channel
-        nothing = np.zeros_like(first)
-        sparing = np.full_like(first, _SPARING)
-        if self.settings.style == "least_ink":
-            if black is not None:
-                first[:, black] = 0.5 * upper[:, black]
-            return self.solve(
-                colours, start=first, anchor=nothing, pull=sparing, price=_LEAST_INK_PRICE * self.prices, upper=upper
+        if black is not None:
+            first[:, black] = anchor[:, black] if self.settings.style == "standard" else 0.5 * upper[:, black]
+        if self.settings.style == "standard" and black is not None:
+            # First with a strong wish, which decides among the many recipes; then it weakens until it no longer costs
+            # accuracy.
+            strong = pull.copy()
+            strong[:, black] = _STRONG_WISH
+            first = self.solve(
+                colours, start=first, anchor=anchor, pull=strong, price=price, upper=upper, iterations=25
             )
-        price = _STANDARD_PRICE * self.prices
-        wish = black_wish(depth, np.hypot(colours[:, 1], colours[:, 2]), self.settings)
-        result = first
-        # First with a strong wish, which decides among the many recipes; then it weakens until it no longer costs
-        # accuracy.
-        for strength in (30.0, 1.0):
-            anchor, pull = nothing.copy(), np.full_like(first, 1e-3)
-            if black is not None:
-                if strength > 1.0:
-                    result[:, black] = wish
-                anchor[:, black] = wish
-                pull[:, black] = strength
-            result = self.solve(
-                colours, start=result, anchor=anchor, pull=pull, price=price, upper=upper, iterations=25
-            )
-        return result
+        return self.solve(colours, start=first, anchor=anchor, pull=pull, price=price, upper=upper, iterations=30)
 
-    def follow(self, lab_d50: Float64Array, near: Float64Array, *, iterations: int = 8) -> Float64Array:
-        """Inks (M, N) for colours (M, 3) that stay as near as can be to recipes (M, N) of about those colours."""
-        colours = np.asarray(lab_d50, dtype=np.float64)
+    def _objective(self, lab_d50: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
+        """What a style wants of recipes for colours (M, 3): anchors, their weights, and prices, all (M, N)."""
+        anchor = np.zeros((len(lab_d50), self.model.inks))
+        if self.settings.style == "least_ink":
+            price = np.broadcast_to(_LEAST_INK_PRICE * self.prices, anchor.shape)
+            return anchor, np.full_like(anchor, _SPARING), price
+        pull = np.full_like(anchor, 1e-3)
+        black = self.settings.black_channel
+        if black is not None:
+            chroma = np.hypot(lab_d50[:, 1], lab_d50[:, 2])
+            anchor[:, black] = black_wish(self.depth(lab_d50), chroma, self.settings)
+            pull[:, black] = _WISH
+        return anchor, pull, np.broadcast_to(_STANDARD_PRICE * self.prices, anchor.shape)
+
+    def _agree(self, lab_d50: Float64Array, near: Float64Array, iterations: int) -> Float64Array:
+        """Recipes (M, N) that the style wants for colours (M, 3), as far as they agree with ``near`` (M, N)."""
+        anchor, pull, price = self._objective(lab_d50)
+        together = pull + _AGREEMENT
         return self.solve(
-            colours,
+            lab_d50,
             start=near,
-            anchor=near,
-            pull=np.full_like(near, _AGREEMENT),
-            upper=self.limits_at(colours),
+            anchor=(pull * anchor + _AGREEMENT * near) / together,
+            pull=together,
+            price=price,
+            upper=self.limits_at(lab_d50),
             iterations=iterations,
         )
+
+    def follow(self, lab_d50: Float64Array, near: Float64Array, *, iterations: int = 8) -> Float64Array:
+        """Inks (M, N) for colours (M, 3) that stay as near as can be to recipes (M, N) of about those colours.
+
+        With a tolerance, colours then move as far as it allows for cheaper inks.
+        """
+        colours = np.asarray(lab_d50, dtype=np.float64)
+        upper = self.limits_at(colours)
+        pull = np.full_like(near, _AGREEMENT)
+        exact = self.solve(colours, start=near, anchor=near, pull=pull, upper=upper, iterations=iterations)
+        tolerance = self.settings.tolerance
+        if tolerance == 0.0:
+            return exact
+        # The error that a price buys is nearly in proportion to it: a few rounds bring it under the most allowed.
+        reached = self.model.lab(exact)
+        most = _MOST_OF_TOLERANCE * tolerance
+        share = np.ones(len(colours))
+        cheaper = exact
+        for _ in range(_TOLERANCE_ROUNDS):
+            price = (_PRICE_OF_TOLERANCE * tolerance * share)[:, np.newaxis] * self.prices
+            cheaper = self.solve(
+                reached,
+                start=cheaper,
+                anchor=exact,
+                pull=np.full_like(near, _SPARING),
+                price=price,
+                upper=upper,
+                iterations=iterations,
+            )
+            moved = np.asarray(delta_e_2000(self.model.lab(cheaper), reached))
+            share *= np.minimum(1.0, most / np.maximum(moved, 1e-9))
+        return cheaper
 
     def separate_grid(self, colours_at: Callable[[int], Float64Array], nodes: int) -> Float64Array:
         """Inks for a grid of colours, smooth from node to node.
 
-        The choice among recipes is made on a coarse grid and smoothed there; finer ones follow it, each making its own
-        colours exactly.
+        The choice among recipes is made on a coarse grid and smoothed there; finer ones agree with it, each making its
+        own colours exactly.
 
         Parameters
         ----------
@@ -426,11 +481,11 @@ class Separator:
         result = self.separate(colours)
         for _ in range(_SMOOTHING_ROUNDS):
             near = neighbour_mean(result.reshape(size, size, size, inks)).reshape(-1, inks)
-            result = self.follow(colours, near, iterations=25)
+            result = self._agree(colours, near, 15)
         for finer in sizes[1:]:
             near = refined(result.reshape(size, size, size, inks), finer).reshape(-1, inks)
             size, colours = finer, colours_at(finer)
-            result = self.follow(colours, near)
+            result = self._agree(colours, near, 8)
         return result.reshape(size, size, size, inks)
 
 

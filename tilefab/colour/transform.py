@@ -17,7 +17,7 @@ import imagecodecs
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from tilefab.colour.encoding import decode_lab16
+from tilefab.colour.encoding import decode_lab16, encode_lab16
 from tilefab.colour.grid_float import apply_float
 from tilefab.colour.grid_layout import MOST_CHANNELS, channels_in, each_strip
 from tilefab.colour.grid_table import compile_table, is_one_grid
@@ -294,13 +294,11 @@ class PressTransform:
         """
         if self.intent != "absolute" and self.to_inks.source == "lab" and is_one_grid(self.to_inks):
             return compile_table(self.to_inks, np.uint16, dtype).apply
-        target = np.dtype(dtype)
-        if target not in (np.dtype(np.uint8), np.dtype(np.uint16)):
-            raise ValueError(f"counts must be uint8 or uint16, not {target}")
+        full = np.float32(_full_count(dtype))
 
         def convert(lab16: NDArray[np.uint16], *, threads: int = 1) -> NDArray[Any]:
             ink_frac = self.inks_from_lab(decode_lab16(lab16), threads=threads)
-            return np.asarray(np.rint(ink_frac * np.float32(np.iinfo(target).max)), dtype=target)
+            return np.asarray(np.rint(ink_frac * full), dtype=dtype)
 
         return convert
 
@@ -348,3 +346,37 @@ class PressTransform:
 
         each_strip(found, convert, threads)
         return found
+
+    def lab16_from_counts(self, dtype: DTypeLike) -> Callable[..., NDArray[np.uint16]]:
+        """Colours of print counts in 16 bits, against the unprinted tile's white.
+
+        Parameters
+        ----------
+        dtype
+            uint8 or uint16.
+
+        Returns
+        -------
+        Callable
+            ``convert(counts, threads=1)``: (rows, cols, inks) of ``dtype``, 0 = no ink, to (rows, cols, 3) uint16 of
+            `tilefab.colour.encoding`. Within one count of the rounded `lab_from_inks`.
+
+        Raises
+        ------
+        ValueError
+            If the dtype is another.
+        """
+        if self.to_lab.target == "lab" and is_one_grid(self.to_lab):
+            return compile_table(self.to_lab, dtype, np.uint16).apply
+        full = np.float32(_full_count(dtype))
+
+        def convert(counts: NDArray[Any], *, threads: int = 1) -> NDArray[np.uint16]:
+            return encode_lab16(self.lab_from_inks(counts.astype(np.float32) / full, threads=threads))
+
+        return convert
+
+
+def _full_count(dtype: DTypeLike) -> int:
+    if np.dtype(dtype) not in (np.dtype(np.uint8), np.dtype(np.uint16)):
+        raise ValueError(f"counts must be uint8 or uint16, not {np.dtype(dtype)}")
+    return int(np.iinfo(np.dtype(dtype)).max)

@@ -10,8 +10,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tilefab.colour import PressTransform, black_channel, srgb_from_xyz, xyz_from_lab
-from tilefab.colour.grid_layout import each_strip
+from tilefab.colour import (
+    PressTransform,
+    absolute_lab,
+    black_channel,
+    lab_from_xyz,
+    srgb_from_xyz,
+    xyz_from_lab,
+)
+from tilefab.colour.grid_bake import bake
+from tilefab.colour.grid_table import compile_table
 from tilefab.colour.press_counts import limit_counts
 from tilefab.errors import OutputError, SynthesisError, TextureMapError
 from tilefab.io.atomic import make_folder
@@ -31,6 +39,7 @@ MAPS_FOLDER = "maps"
 RGB_SPACE = "srgb8"
 MIN_SLAB_PX = 16
 _STRIP_PIXELS = 1 << 21
+_SCREEN_NODES = 65
 _KEY_DIGITS = 16
 
 
@@ -198,19 +207,18 @@ def proof_map(plan: Plan, press: TextureMap, threads: int | None = None) -> Text
 
     Proofs are rendered from it, so a proof shows the same pixels of the stone as the face.
     """
-    transform = press_transform(plan.press_profile, "absolute")
-    full = np.float32(np.iinfo(press.base.dtype).max)
+    transform = press_transform(plan.press_profile, "relative")
+    white_lab = lab_from_xyz(plan.press_profile.white_xyz)
+
+    def screen(lab: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(srgb_from_xyz(xyz_from_lab(absolute_lab(lab, white_lab))), dtype=np.float64)
+
+    shown = compile_table(bake(screen, "lab", "rgb", 3, nodes=_SCREEN_NODES), np.uint16, np.uint8)
+    colours = transform.lab16_from_counts(press.base.dtype)
     base = np.empty((*press.base.shape[:2], 3), dtype=np.uint8)
     workers = threads or os.cpu_count() or 1
     for rows in _strips(base):
-        lab = transform.lab_from_inks(press.base[rows].astype(np.float32) / full, intent="absolute", threads=workers)
-        flat = base[rows].reshape(-1, 3)
-
-        def show(strip: NDArray[np.float32], to: int, flat: NDArray[np.uint8] = flat) -> None:
-            rgb = srgb_from_xyz(xyz_from_lab(strip.reshape(-1, 3)))
-            flat[to : to + len(rgb)] = np.rint(np.clip(rgb, 0, 1) * 255)
-
-        each_strip(lab, show, workers)
+        shown.apply(colours(press.base[rows], threads=workers), threads=workers, out=base[rows])
     return press.with_base(base, space=RGB_SPACE, channels=("R", "G", "B"))
 
 

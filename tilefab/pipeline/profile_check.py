@@ -12,7 +12,7 @@ from tilefab.errors import OutputError, ProfileError
 from tilefab.io.atomic import atomic_write_bytes
 from tilefab.io.cgats import Measurements, parse_measurements, read_measurements
 from tilefab.io.icc import IccProfile, measurement_text, read_icc_profile
-from tilefab.pipeline.profile_gamut import HUES, cusps, gamut
+from tilefab.pipeline.profile_gamut import cusps, gamut
 from tilefab.pipeline.profile_match import match_image, match_measurements, rgb, round_trips, scan_colours, triple
 from tilefab.pipeline.profile_smoothness import (
     LINES,
@@ -22,6 +22,7 @@ from tilefab.pipeline.profile_smoothness import (
     smoothness,
     tone_curves,
 )
+from tilefab.pipeline.profile_solid import fill_solid
 from tilefab.pipeline.profile_tables import (
     INTENTS,
     CheckedTables,
@@ -103,13 +104,14 @@ def check_profile(
         sample_name = f"colours of {image.name}"
     watch.stage(STAGE, 0.15)
     lab, _, printable = printable_colours(tables, _COLOURS)
-    smooth = smoothness(tables, lab, lines)
+    solid = fill_solid(printable)
+    smooth = smoothness(tables, solid, lab, lines)
     watch.stage(STAGE, 0.35)
-    solid = gamut(tables, printable, sample, sample_name)
+    reach = gamut(tables, solid, sample, sample_name)
     watch.stage(STAGE, 0.8)
     facts = _facts(tables, embedded)
     trips = round_trips(tables, lab)
-    edge = cusps(tables, printable) if tables.backward else np.zeros((HUES, 3))
+    edge = cusps(solid)
     hues = tuple(hue_ramp(tables, name, edge[place]) for place, name in _HUE_RAMPS.items()) if tables.backward else ()
     fields = smooth_fields(tables, np.hypot(edge[:, 1], edge[:, 2])) if tables.backward else ()
     intents = [intent for intent in INTENTS if intent in tables.backward and intent not in tables.same]
@@ -118,7 +120,7 @@ def check_profile(
         match=match,
         round_trips=trips,
         smoothness=smooth,
-        gamut=solid,
+        gamut=reach,
         image=scan,
         tone=tone_curves(tables),
         neutrals=tuple(neutral_ramp(tables, intent) for intent in intents),
@@ -194,8 +196,8 @@ def check_facts(view: ProfileCheckView) -> dict[str, Any]:
         ``delta_e_2000`` with ``count mean median p95 largest``, ``histogram`` with ``edges`` and ``counts``,
         ``white_delta_e``, ``worst`` with fields of `PatchView`, ``biases`` with fields of `BiasView`), ``round_trips``
         (a list with fields of `RoundTripView`), ``smoothness`` (fields of `SmoothnessView`), ``gamut`` (``volume`` and
-        ``hull_volume`` in cubic units of Lab), ``image`` (null without one: fields of `ImageMatchView`), ``verdicts``
-        (``what grade text``) and ``warnings``.
+        ``hull_volume`` in cubic units of Lab, ``share_reached`` or null), ``image`` (null without one: fields of
+        `ImageMatchView`), ``verdicts`` (``what grade text``) and ``warnings``. The command adds ``files``.
     """
     match = view.match
     return {
@@ -216,7 +218,11 @@ def check_facts(view: ProfileCheckView) -> dict[str, Any]:
         },
         "round_trips": [asdict(trip) for trip in view.round_trips],
         "smoothness": asdict(view.smoothness),
-        "gamut": {"volume": view.gamut.volume, "hull_volume": view.gamut.hull_volume},
+        "gamut": {
+            "volume": view.gamut.volume,
+            "hull_volume": view.gamut.hull_volume,
+            "share_reached": view.gamut.share_reached,
+        },
         "image": None if view.image is None else asdict(view.image),
         "verdicts": [asdict(verdict) for verdict in view.verdicts],
         "warnings": list(view.warnings),

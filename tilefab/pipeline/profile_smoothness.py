@@ -7,13 +7,14 @@ import numpy as np
 from tilefab import rng
 from tilefab.colour.spaces import delta_e_2000
 from tilefab.pipeline.profile_match import spread, triple
+from tilefab.pipeline.profile_solid import Solid
 from tilefab.pipeline.profile_tables import CheckedTables, Float64Array, srgb8
 from tilefab.report.profile_view import FieldView, RampView, SmoothnessView, ToneView
 
 LINES = 10_000
 LINE_STEPS = 32
 STEP_DELTA_E = 1.0
-_REACHED_DELTA_E = 1.0
+_DEEP = 0.95
 _LINES_AT_ONCE = 2000
 _MOST_TRIES = 4
 _RAMP = 257
@@ -23,24 +24,26 @@ _FIELD_ROWS, _FIELD_COLS = 160, 720
 _FIELD_L = (92.0, 18.0)
 
 
-def smoothness(tables: CheckedTables, lab: Float64Array, lines: int = LINES) -> SmoothnessView:
+def smoothness(tables: CheckedTables, solid: Solid, lab: Float64Array, lines: int = LINES) -> SmoothnessView:
     """Second differences and jumps along straight lines of colour inside the gamut; reversals along ramps.
 
-    Every line begins at one printable colour, goes 32 steps of 1 (CIE76) towards another, and counts where all its
-    colours come back through the relative tables within 1 (CIEDE2000).
+    Every line begins at one printable colour, goes 32 steps of 1 (CIE76) towards another, and counts where it stays
+    inside the solid, off its surface.
 
     Parameters
     ----------
     tables
         The profile.
+    solid
+        Colours that can be mixed.
     lab
-        Printable colours (K, 3).
+        Some of them (K, 3).
     lines
         How many lines to follow; fewer where a small gamut has too little room for them.
     """
     neutral = neutral_ramp(tables, "relative").printed if tables.backward else None
     tone = tone_curves(tables)
-    inside = _lines_inside(tables, lab, lines) if tables.backward and len(lab) > 1 else []
+    inside = _lines_inside(tables, solid, lab, lines) if tables.backward and len(lab) > 1 else []
     count = sum(len(inks) for inks, _, _ in inside)
     neutral_reversals = None if neutral is None else reversals(neutral[:, 0], -1.0)
     ink_reversals = tuple(_turns(lightness) for lightness in tone.lab[:, :, 0])
@@ -65,7 +68,7 @@ def smoothness(tables: CheckedTables, lab: Float64Array, lines: int = LINES) -> 
 
 
 def _lines_inside(
-    tables: CheckedTables, lab: Float64Array, lines: int
+    tables: CheckedTables, solid: Solid, lab: Float64Array, lines: int
 ) -> list[tuple[Float64Array, Float64Array, Float64Array]]:
     """Inks (n, 33, N), printed and wanted Lab (n, 33, 3) of the lines that stay inside, in parts."""
     random = rng.generator(0, "lines in Lab")
@@ -80,13 +83,12 @@ def _lines_inside(
             continue
         way = (end[far] - start[far]) / length[far, np.newaxis]
         wanted = start[far, np.newaxis] + way[:, np.newaxis] * steps
-        inks = tables.ink_frac(wanted.reshape(-1, 3))
-        printed = tables.lab(inks).reshape(wanted.shape)
-        inside = np.asarray(delta_e_2000(printed, wanted)).max(axis=1) < _REACHED_DELTA_E
-        kept = np.flatnonzero(inside)[:left]
-        if len(kept):
-            found.append((inks.reshape(*wanted.shape[:2], -1)[kept], printed[kept], wanted[kept]))
-            left -= len(kept)
+        wanted = wanted[solid.at(wanted).min(axis=1) > _DEEP][:left]
+        if len(wanted):
+            inks = tables.ink_frac(wanted.reshape(-1, 3))
+            printed = tables.lab(inks).reshape(wanted.shape)
+            found.append((inks.reshape(*wanted.shape[:2], -1), printed, wanted))
+            left -= len(wanted)
         if not left:
             break
     return found
@@ -127,7 +129,7 @@ def tone_curves(tables: CheckedTables) -> ToneView:
 
 def dark_lab(tables: CheckedTables) -> Float64Array:
     """Relative Lab of what the relative intent prints for black."""
-    return tables.printed(np.zeros((1, 3)))[0]
+    return np.asarray(tables.printed(np.zeros((1, 3)))[0], dtype=np.float64)
 
 
 def neutral_ramp(tables: CheckedTables, intent: str) -> RampView:

@@ -20,8 +20,8 @@ Float64Array = NDArray[np.float64]
 INTENTS: tuple[TableIntent, ...] = ("relative", "perceptual", "saturation")
 _TAG_NUMBERS = {"perceptual": 0, "relative": 1, "saturation": 2}
 _MOST_INKS = 8
-_RECIPES = 60_000
-_MOST_INKS_MIXED = 4
+_RECIPES = 400_000
+_SHARES_MIXED = np.array([0.05, 0.30, 0.80, 1.0])
 _CELLS = (4.0, 3.0, 2.0, 1.5, 1.0)
 _SAMPLED_LEVELS = 33
 
@@ -158,12 +158,13 @@ def _nodes(table: ColourTable) -> Float64Array:
             return np.clip(values, 0.0, 1.0)
     lab = np.zeros((_SAMPLED_LEVELS, 3))
     lab[:, 0] = np.linspace(0.0, 100.0, _SAMPLED_LEVELS)
-    return table(xyz_from_lab(lab) if table.source == "xyz" else lab)
+    out: Float64Array = table(xyz_from_lab(lab) if table.source == "xyz" else lab)
+    return out
 
 
 def _apply(table: ColourTable, values: NDArray[np.floating]) -> Float64Array:
     data = np.ascontiguousarray(values, dtype=np.float32)
-    return apply_float(table, data[np.newaxis])[0].astype(np.float64)
+    return np.asarray(apply_float(table, data[np.newaxis])[0], dtype=np.float64)
 
 
 def printable_colours(tables: CheckedTables, count: int) -> tuple[Float64Array, Float64Array, Float64Array]:
@@ -186,7 +187,7 @@ def printable_colours(tables: CheckedTables, count: int) -> tuple[Float64Array, 
     """
     random = rng.generator(0, "printable colours")
     inks = tables.inks
-    mixed = random.integers(1, min(inks, _MOST_INKS_MIXED) + 1, size=_RECIPES)
+    mixed = np.minimum(1 + np.searchsorted(_SHARES_MIXED, random.random(_RECIPES)), inks)
     rank = np.argsort(np.argsort(random.random((_RECIPES, inks)), axis=1), axis=1)
     amount = np.where(random.random((_RECIPES, inks)) < 0.25, 1.0, random.random((_RECIPES, inks)))
     recipes = np.where(rank < mixed[:, np.newaxis], amount * tables.most_frac, 0.0)
@@ -204,4 +205,4 @@ def printable_colours(tables: CheckedTables, count: int) -> tuple[Float64Array, 
 
 def srgb8(lab: NDArray[np.floating]) -> NDArray[np.uint8]:
     """Relative Lab (..., 3) for display: sRGB (..., 3) uint8."""
-    return np.rint(np.clip(srgb_from_xyz(xyz_from_lab(lab)), 0.0, 1.0) * 255.0).astype(np.uint8)
+    return np.asarray(np.rint(np.clip(srgb_from_xyz(xyz_from_lab(lab)), 0.0, 1.0) * 255.0), dtype=np.uint8)

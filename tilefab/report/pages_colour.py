@@ -40,7 +40,7 @@ _INK_ROW = 5.4 * MM
 _INK_COLUMNS = (0.0, 42 * MM, 60 * MM, 78 * MM, 102 * MM)
 _SWATCH_ROW = 8.4 * MM
 _SWATCH_COLUMNS = (0.0, 9 * MM, 49 * MM, 87 * MM, 125 * MM, 145 * MM)
-_PLOT_HEIGHT = 84 * MM
+_PLOT_HEIGHT = 80 * MM
 
 
 def colour_pages(colour: ColourView) -> list[Page]:
@@ -61,19 +61,13 @@ def _facts(colour: ColourView) -> list[tuple[str, str]]:
         ("Rendering intent", colour.intent),
         ("Mean ΔE00 to the slab", number(colour.delta_e_mean, 2)),
         ("ΔE00, 95th percentile", number(colour.delta_e_p95, 2)),
-        ("Out of gamut", _beyond(colour)),
+        ("Out of gamut", f"{percent(100 * colour.out_of_gamut_share)} of pixels"),
+        ("Out of gamut by", f"ΔE00 {number(colour.out_of_gamut_mean)}, 95 %: {number(colour.out_of_gamut_p95)}"),
         ("Ink limit", limit),
         ("Total ink, mean", percent(colour.mean_total_ink_percent)),
         ("Total ink, maximum", percent(colour.max_total_ink_percent)),
         ("Reduced to the limit", f"{percent(100 * colour.share_limited)} of pixels"),
     ]
-
-
-def _beyond(colour: ColourView) -> str:
-    share = f"{percent(100 * colour.out_of_gamut_share)} of pixels"
-    if not colour.out_of_gamut_share:
-        return share
-    return f"{share}, by ΔE00 {number(colour.out_of_gamut_mean)} (95 %: {number(colour.out_of_gamut_p95)})"
 
 
 def _ink_blocks(inks: Sequence[InkView]) -> list[Block]:

@@ -75,8 +75,8 @@ class PictureCanvas:
         self._scale = _OVERSAMPLING * dpi / _POINTS_PER_INCH
         self._height = height
         self._dpi = dpi
-        size = (round(width * self._scale), round(height * self._scale))
-        self._image = Image.new("RGB", size, (255, 255, 255))
+        across, down = (_OVERSAMPLING * round(side * dpi / _POINTS_PER_INCH) for side in (width, height))
+        self._image = Image.new("RGB", (across, down), (255, 255, 255))
         self._draw = ImageDraw.Draw(self._image)
         self._pen = _Pen()
         self._saved: list[tuple[_Pen, Image.Image | None, Image.Image | None]] = []

@@ -258,11 +258,10 @@ def _draw_lines(canvas: Canvas, axes: Axes) -> None:
 
 def _cut_to_colours(picture: RgbImage) -> tuple[tuple[int, int], tuple[int, int], RgbImage] | None:
     """Rows, columns and pixels of the least box around what is not white; None where all is."""
-    shown = (picture < 255).any(axis=2)
-    rows, cols = np.flatnonzero(shown.any(axis=1)), np.flatnonzero(shown.any(axis=0))
+    rows, cols, _ = np.nonzero(picture < 255)
     if not len(rows):
         return None
-    box = (int(rows[0]), int(rows[-1]) + 1), (int(cols[0]), int(cols[-1]) + 1)
+    box = (int(rows.min()), int(rows.max()) + 1), (int(cols.min()), int(cols.max()) + 1)
     return *box, picture[box[0][0] : box[0][1], box[1][0] : box[1][1]]
 
 
@@ -278,8 +277,7 @@ def draw_level_key(
         canvas.setStrokeColor(level_colour(level))
         canvas.setLineWidth(1.6)
         canvas.line(left, y, left + 8, y)
-        label = f"{level:g}" if len(plane.outline) else f"{level:g}: –"
-        draw_text(canvas, label, left + 10, top, room - 11, SMALL)
+        draw_text(canvas, f"{level:g}", left + 10, top, room - 11, SMALL if len(plane.outline) else SMALL_MUTED)
 
 
 def lightness_axes(x: float, top: float, width: float, height: float, upward: tuple[float, float]) -> Axes:

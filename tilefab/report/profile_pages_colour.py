@@ -51,7 +51,6 @@ _PLANE_HEIGHT = 66 * MM
 _TONE_HEIGHT = 58 * MM
 _HISTOGRAM_HEIGHT = 46 * MM
 _MOST_POINTS = 1500
-_NO_GAMUT = "The profile has no table from colour to inks: no gamut can be drawn."
 _STRIP = 3.6 * MM
 _STRIP_NAME = 26 * MM
 _PATCH_ROW = 6.0 * MM
@@ -64,12 +63,10 @@ def gamut_pages(view: ProfileCheckView) -> list[Page]:
     """Make the page on the gamut."""
     gamut = view.gamut
     note = (
-        f"Relative colours. Inside: what goes through the tables to inks and comes back within 1 (ΔE*ab). "
-        f"Points: {gamut.sample_name}."
+        "Relative colours. Lines: what the inks can mix within the profile's limits. Coloured areas: what also goes "
+        f"through the relative tables to inks and comes back within 1 (ΔE*ab). Points: {gamut.sample_name}."
     )
     blocks = [section_heading("Gamut", note)]
-    if not gamut.levels:
-        return flow(GAMUT, [*blocks, text_block(_NO_GAMUT)])
     blocks += [_levels_block(gamut), space(2 * MM)]
     for place in range(0, len(gamut.hue_planes), 2):
         blocks.append(_planes_block(gamut, place))

@@ -40,7 +40,7 @@ SMOOTHNESS = "Ramps to look at"
 _LEFT_WIDTH = 0.60 * WIDTH
 _RIGHT_WIDTH = WIDTH - _LEFT_WIDTH - GUTTER
 _NEUTRAL_HEIGHT = 64 * MM
-_HUE_HEIGHT = 52 * MM
+_HUE_HEIGHT = 46 * MM
 _HALF = (WIDTH - GUTTER) / 2
 _STRIP = 4.2 * MM
 _FIELD_HEIGHT = 38 * MM
@@ -129,8 +129,8 @@ def _hue_block(ramps: Sequence[RampView], colours: Sequence[object]) -> Block:
 
 def _fields(view: ProfileCheckView) -> list[Page]:
     note = (
-        "Smooth colours as the relative intent prints them, on a screen: where the tables are not smooth, bands and "
-        "kinks show."
+        "Smooth colours as the relative intent prints them, as sRGB: where the tables are not smooth, bands and kinks "
+        "show. Colours beyond sRGB are clipped, which makes edges of its own."
     )
     blocks = [section_heading(SMOOTHNESS, note)]
     ramps = [ramp for ramp in view.neutrals if ramp.title == "relative"] + list(view.hues)

@@ -44,7 +44,7 @@ _MARK = TextStyle(BOLD, 7.5, 10, WHITE)
 _FIGURES_HEIGHT = 18 * MM
 _GRADE_WIDTH = 15 * MM
 _WHAT_WIDTH = 30 * MM
-_COLUMNS = (0.0, 62 * MM, 82 * MM, 102 * MM, 122 * MM, 142 * MM)
+_COLUMNS = (0.0, 66 * MM, 90 * MM, 111 * MM, 132 * MM, 153 * MM)
 _ROW = 5.2 * MM
 
 
@@ -110,12 +110,14 @@ def _figures(view: ProfileCheckView) -> Block:
 def _cells(view: ProfileCheckView) -> list[tuple[str, str, str]]:
     relative = next((trip for trip in view.round_trips if trip.intent == "relative"), None)
     bend, limit, volume = view.smoothness.ink_bend_percent, view.facts.ink_limit_percent, view.gamut.volume
+    share = view.gamut.share_reached
+    reached = "no table reaches it" if share is None else f"{percent(100.0 * share)} reached within ΔE 1"
     cells = [
         ("–", "against measurements", "none given or embedded")
         if view.match is None
         else (
             number(view.match.spread.mean, 2),
-            "mean ΔE00 to measurements",
+            "mean ΔE00 to patches",
             f"95 % of patches below {number(view.match.spread.p95, 2)}",
         ),
         ("–", "round trip", "no table to inks")
@@ -128,7 +130,7 @@ def _cells(view: ProfileCheckView) -> list[tuple[str, str, str]]:
         ("–", "smoothness", "can't be told")
         if bend is None
         else (percent(bend.p95, even=True), "ink bend, 95 %", "second difference per step of ΔE 1"),
-        ("–" if volume is None else number(volume / 1000.0, 0), "gamut, thousand units", "cubic units of Lab reached"),
+        (number(volume / 1000.0, 0 if volume > 1e5 else 1), "gamut, thousand units", f"cubic units of Lab; {reached}"),
         ("–", "total ink", "no table to inks")
         if limit is None
         else (percent(limit), "largest total ink", "in any table from colour to inks"),

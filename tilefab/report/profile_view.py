@@ -178,7 +178,7 @@ class PlaneView:
     low, high
         Data coordinates (across, up) of the picture's corners.
     picture
-        Colours inside the gamut, white outside; first row on top. None where only the outline is shown.
+        Colours that the tables reach, white elsewhere; first row on top. None where only the outline is shown.
     outline
         (S, 4) line pieces x0, y0, x1, y1 in data coordinates; in no order.
     points
@@ -208,9 +208,12 @@ class GamutView:
     Attributes
     ----------
     volume
-        Cubic units of CIELAB that go to inks and come back within 1 (CIE76).
+        Cubic units of CIELAB that the inks can mix within the profile's limits.
     hull_volume
-        Volume of the convex hull of all printable colours, which overstates a hollow gamut.
+        Volume of its convex hull, which overstates a hollow gamut.
+    share_reached
+        Share of that volume that goes through the relative tables to inks and comes back within 1 (CIE76); None
+        without such tables.
     levels
         Slices at several lightnesses: value of L* and outline.
     hue_planes
@@ -223,8 +226,9 @@ class GamutView:
         What they are.
     """
 
-    volume: float | None
+    volume: float
     hull_volume: float
+    share_reached: float | None
     levels: tuple[tuple[float, PlaneView], ...]
     hue_planes: tuple[PlaneView, ...]
     solids: tuple[SolidView, ...]

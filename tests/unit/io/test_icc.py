@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from tests.icc_samples import INK_NAMES, TEXT, make_profile, small_profile, small_tables
 from tilefab.colour.lut import backward_axes
-from tilefab.colour.transform import PressTransform
 from tilefab.errors import ProfileError
 from tilefab.io.icc import measurement_text, parse_icc_profile, read_icc_profile, require_press_profile, tag_bytes
 from tilefab.io.icc_elements import shown_text, text_type
+from tilefab.io.press_profile import press_transform
 
 SHIPPED = Path(__file__).parents[3] / "profiles" / "demo_ceramic.icc"
 SMALL = small_profile(4, 2)
@@ -63,16 +63,15 @@ def test_same_tables_same_bytes_and_no_clock() -> None:
     assert struct.unpack_from(">6H", small_profile(4, 2, created=None), 24) == (2000, 1, 1, 0, 0, 0)
 
 
-def test_little_cms_reads_the_nodes() -> None:
+def test_the_nodes_are_read_back() -> None:
     forward, backward = small_tables(4)
-    press = PressTransform(SMALL, "relative", 4)
+    press = press_transform(parse_icc_profile(SMALL, "small"), "relative")
     corners = np.array(np.meshgrid(*[[0.0, 0.5**1.25, 1.0]] * 4, indexing="ij")).reshape(4, -1).T
     lab = press.lab_from_inks(corners[np.newaxis])[0]
     np.testing.assert_allclose(lab, forward.grid.reshape(-1, 3), atol=0.1)
-    _, axes = backward_axes(5)
-    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(1, -1, 3)
+    nodes = backward_axes(5).colours(5)[np.newaxis]
     np.testing.assert_allclose(press.inks_from_lab(nodes)[0], backward.relative.reshape(-1, 4), atol=1e-3)
-    perceptual = PressTransform(SMALL, "perceptual", 4)
+    perceptual = press_transform(parse_icc_profile(SMALL, "small"), "perceptual")
     np.testing.assert_allclose(perceptual.inks_from_lab(nodes)[0], backward.perceptual.reshape(-1, 4), atol=1e-3)
 
 
@@ -223,7 +222,7 @@ def test_iccdev_finds_no_fault_in_the_structure() -> None:
 def test_iccdev_computes_the_same_inks_and_colours() -> None:
     iccdev = pytest.importorskip("iccdev")
     data = SHIPPED.read_bytes()
-    press = PressTransform(data, "relative", 4)
+    press = press_transform(parse_icc_profile(data, "shipped"), "relative")
     inks = np.random.default_rng(1).random((30, 4)) * 0.7
     module = iccdev.IccCmm()
     module.attach(str(SHIPPED), intent=iccdev.Intent.RelativeColorimetric)

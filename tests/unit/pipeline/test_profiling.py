@@ -7,10 +7,11 @@ import pytest
 
 from sim.press import CeramicPress
 from tilefab.colour.spaces import delta_e_2000, lab_from_xyz, relative_lab
-from tilefab.colour.transform import Intent, PressTransform
+from tilefab.colour.transform import Intent
 from tilefab.errors import ProfileError
 from tilefab.io.cgats import Measurements, read_measurements
 from tilefab.io.icc import IccProfile, parse_icc_profile, read_icc_profile, require_press_profile
+from tilefab.io.press_profile import press_transform
 from tilefab.pipeline import profiling
 from tilefab.pipeline.profiling import ProfileReport, build_profile, make_profile
 
@@ -71,7 +72,7 @@ def test_shipped_profile_is_of_these_measurements(small: tuple[bytes, ProfileRep
     # Every second node of 13 is one of 7, and every fourth of 33 one of 9: there both must say the same.
     forward, again = table_of(shipped, "A2B1"), table_of(rebuilt, "A2B1")
     assert np.abs(forward[::2, ::2, ::2, ::2] - again).max() <= 4 / 65535
-    printer = PressTransform(shipped.data, "relative", 4)
+    printer = press_transform(shipped, "relative")
     printable = table_of(rebuilt, "gamt")[..., 0] == 0.0
     assert printable.sum() > 10
     for tag in ("B2A0", "B2A1"):
@@ -87,19 +88,19 @@ def test_shipped_profile_prints_true_on_the_press_it_was_never_shown(recipes: np
     press = CeramicPress()
     wanted = press.lab(recipes)
     relative = relative_lab(wanted, lab_from_xyz(shipped.white_xyz))
-    inks = PressTransform(shipped.data, "relative", 4).inks_from_lab(relative[np.newaxis])[0]
+    inks = press_transform(shipped, "relative").inks_from_lab(relative[np.newaxis])[0]
     assert inks.sum(axis=1).max() <= 2.8 + 2e-4
     error = delta_e_2000(press.lab(np.clip(inks, 0.0, 1.0)), wanted)
     assert error.mean() < 0.3
     assert np.percentile(error, 95) < 0.6
-    inks = PressTransform(shipped.data, "absolute", 4).inks_from_lab(wanted[np.newaxis])[0]
+    inks = press_transform(shipped, "absolute").inks_from_lab(wanted[np.newaxis])[0]
     assert delta_e_2000(press.lab(inks), wanted).mean() < 0.3
 
 
 @pytest.mark.parametrize("intent", ["relative", "perceptual"])
 def test_greys_stay_grey_and_rise(intent: Intent) -> None:
     shipped = read_icc_profile(SHIPPED)
-    press = PressTransform(shipped.data, intent, 4)
+    press = press_transform(shipped, intent)
     greys = np.zeros((1, 161, 3))
     greys[0, :, 0] = np.linspace(20.0, 100.0, 161)
     lab = press.lab_from_inks(press.inks_from_lab(greys))[0]
@@ -112,7 +113,7 @@ def test_inks_never_pass_the_limit_anywhere() -> None:
     axis = np.linspace(-128.0, 127.0, 40)
     lab = np.stack(np.meshgrid(np.linspace(0.0, 100.0, 40), axis, axis, indexing="ij"), axis=-1)
     for intent in ("relative", "perceptual", "saturation"):
-        inks = PressTransform(shipped.data, intent, 4).inks_from_lab(lab.reshape(40, -1, 3))
+        inks = press_transform(shipped, intent).inks_from_lab(lab.reshape(40, -1, 3))
         assert inks.sum(axis=2).max() <= 2.8 + 2e-4
 
 

@@ -72,6 +72,8 @@ def typical() -> RunReportView:
         delta_e_mean=1.42,
         delta_e_p95=3.9,
         out_of_gamut_share=0.064,
+        out_of_gamut_mean=3.1,
+        out_of_gamut_p95=6.7,
     )
     texture_map = TextureMapView(
         pictures=(
@@ -166,6 +168,8 @@ def extreme(typical: RunReportView) -> RunReportView:
         delta_e_mean=123456.7,
         delta_e_p95=1e8,
         out_of_gamut_share=1.0,
+        out_of_gamut_mean=1e5,
+        out_of_gamut_p95=2e5,
         share_limited=1e-9,
         inks=tuple(InkView(f"{LONG}{place}", 1e6 * place + 0.5, 1e9, 1e7) for place in range(12)),
         swatches=(swatch,) * 24,

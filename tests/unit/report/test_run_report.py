@@ -59,7 +59,7 @@ def test_same_bytes_in_another_process(typical: RunReportView, tmp_path: Path) -
         "none = np.zeros(0)\n"
         "h = HistogramView(none, none)\n"
         "c = ColourView('p', 'i', None, 1., 1., 0., (InkView('Žluť Δ', 1., 2., .01),), (),\n"
-        "    np.zeros((2, 3)), np.zeros((0, 2)), np.zeros((0, 2)), 1., 2., 0.)\n"
+        "    np.zeros((2, 3)), np.zeros((0, 2)), np.zeros((0, 2)), 1., 2., 0., 0., 0.)\n"
         "ch = ChartView('t', 'x', 'y', h)\n"
         "t = TextureMapView((PictureView('t', 'c', px),), (), (ch, ch))\n"
         "f = FaceView(3, 'x', px, 'n', 'o', 's')\n"
