@@ -8,6 +8,7 @@ itself is for patches it has not seen.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -16,7 +17,14 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from tilefab import rng
-from tilefab.colour.neugebauer import NeugebauerFit, fit_neugebauer, neugebauer_at, predict_with_slopes, refine
+from tilefab.colour.neugebauer import (
+    NeugebauerFit,
+    fit_neugebauer,
+    neugebauer_at,
+    overlap_bits,
+    predict_with_slopes,
+    refine,
+)
 from tilefab.colour.residual import Covariance, Evidence, add_residual, fit_covariance
 from tilefab.colour.spaces import delta_e_2000
 from tilefab.jit import kernel
@@ -29,15 +37,15 @@ _ROUNDS = 2
 _COVARIANCE_STEPS = 20
 _REFINE_STEPS = 6
 _JUDGED_PATCHES = 500
+_SURFACE_SHARE = 0.9
 
 
 class PressArrays(NamedTuple):
     """A press model as kernels take it; shapes for N inks and P patches.
 
     ``curves`` (N, 3, 3), ``primaries`` (2**N, 3) and ``factor`` are the physics; ``centres`` (N, P), ``strengths``
-    (3, P), ``reach`` (N,), ``weight`` (N,) and ``growth`` the residual; ``gain`` (N,), ``bend`` (N,), ``shift`` (3,)
-    and ``tint`` (3, N) the drift: an ink fraction x prints as ``x (1 + gain) + bend x (1 - x)``, and
-    ``shift + tint @ x`` is added to Lab.
+    (3, P), ``reach`` (N,), ``weight`` (N,) and ``growth`` the residual; ``gain`` (N,) and ``bend`` (N,) the drift of
+    tones: an ink fraction x prints as ``x (1 + gain) + bend x (1 - x)``.
     """
 
     curves: Float64Array
@@ -50,8 +58,6 @@ class PressArrays(NamedTuple):
     growth: float
     gain: Float64Array
     bend: Float64Array
-    shift: Float64Array
-    tint: Float64Array
 
 
 class PressWork(NamedTuple):
@@ -126,11 +132,8 @@ def press_at(ink: Float64Array, press: PressArrays, work: PressWork, lab: Float6
         work.slopes,
     )
     for k in range(3):
-        lab[k] += press.shift[k]
         for i in range(inks):
-            lab[k] += press.tint[k, i] * ink[i]
             jacobian[k, i] *= 1.0 + press.gain[i] + press.bend[i] * (1.0 - 2.0 * ink[i])
-            jacobian[k, i] += press.tint[k, i]
 
 
 @kernel
@@ -225,9 +228,36 @@ class PressModel:
         """(3,) absolute Lab of the unprinted tile."""
         return np.asarray(self.lab(np.zeros((1, self.inks)))[0])
 
-    def with_drift(self, gain: Float64Array, bend: Float64Array, shift: Float64Array, tint: Float64Array) -> PressModel:
-        """The same press after its kiln has drifted; see `PressArrays` for what the arguments mean."""
-        return replace(self, arrays=self.arrays._replace(gain=gain, bend=bend, shift=shift, tint=tint))
+    def with_drift(
+        self, gain: Float64Array, bend: Float64Array, glaze: Float64Array, fade: Float64Array, cross: Float64Array
+    ) -> PressModel:
+        """The same press after its kiln has drifted.
+
+        Parameters
+        ----------
+        gain, bend
+            (N,) change of each ink's tone; see `PressArrays`.
+        glaze
+            (3,) by how much all overlaps and the bare tile grow lighter in each band: change of the logarithm of the
+            primaries.
+        fade
+            (N, 3) the same for all overlaps that an ink is in.
+        cross
+            (N (N - 1) / 2, 3) the same for all that two inks are in, in the order of `ink_pairs`.
+        """
+        bits = overlap_bits(self.inks)
+        both = np.stack([bits[:, i] * bits[:, j] for i, j in ink_pairs(self.inks)], axis=1) if self.inks > 1 else None
+        light = self.arrays.primaries**self.arrays.factor
+        # What the surface reflects before any light meets an ink can't fade.
+        inside = 1.0 - _SURFACE_SHARE * light.min(axis=0) / light
+        change = np.exp((glaze + bits @ fade + (0.0 if both is None else both @ cross)) * inside)
+        arrays = self.arrays._replace(primaries=self.arrays.primaries * change, gain=gain, bend=bend)
+        return replace(self, arrays=arrays)
+
+
+def ink_pairs(inks: int) -> list[tuple[int, int]]:
+    """All pairs of inks, first (0, 1), then (0, 2) and so on."""
+    return list(itertools.combinations(range(inks), 2))
 
 
 @dataclass(frozen=True)
@@ -371,8 +401,6 @@ def _assembled(
         covariance.growth,
         np.zeros(size),
         np.zeros(size),
-        np.zeros(3),
-        np.zeros((3, size)),
     )
     model_lab = np.empty((len(inks), 3))
     press_rows(inks, arrays, model_lab, np.empty((len(inks), 3, size)))

@@ -1,0 +1,157 @@
+"""How a press has drifted since it was profiled: a small state between profile and kiln, with how sure it is.
+
+Firing hotter or longer fades inks, moisture spreads drops, a glaze changes its tint. Few numbers say most of it: for
+each ink a gain and a bend of its tone and a fading in three bands, for each two inks what they fade less or more
+together, and a change of the glaze. They are learnt from fired colours of known inks, be it a small chart or regions of
+production tiles, by Kalman updates: each new set moves the state as far as its noise and the state's own covariance
+say, and no farther.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tilefab.colour.press_model import PressModel, ink_pairs
+
+Float64Array = NDArray[np.float64]
+
+_GAIN_SPREAD, _BEND_SPREAD = 0.05, 0.08
+_FADE_SPREAD = 0.06
+_CROSS_SPREAD = 0.03
+_GLAZE_SPREAD = 0.02
+_ROUNDS = 6
+_MOST_GAIN = 0.5
+_STEP = 1e-5
+
+
+@dataclass(frozen=True)
+class DriftState:
+    """What is known of a press's drift.
+
+    Attributes
+    ----------
+    mean
+        (Q,) for N inks: gain and bend of each, the glaze's change in each band, the fading of each ink in each band,
+        and of each pair of inks; in the meaning of `tilefab.colour.press_model.PressModel.with_drift`.
+    covariance
+        (Q, Q) of ``mean``.
+    inks
+        N.
+    """
+
+    mean: Float64Array = field(repr=False)
+    covariance: Float64Array = field(repr=False)
+    inks: int
+
+    def parts(self) -> tuple[Float64Array, Float64Array, Float64Array, Float64Array, Float64Array]:
+        """Gain (N,), bend (N,), glaze (3,), fade (N, 3) and cross (N (N - 1) / 2, 3)."""
+        inks = self.inks
+        gain, bend, glaze, fade, cross = np.split(self.mean, [inks, 2 * inks, 2 * inks + 3, 5 * inks + 3])
+        return gain, bend, glaze, fade.reshape(-1, 3), cross.reshape(-1, 3)
+
+    def spread(self) -> Float64Array:
+        """(Q,) standard deviations."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def no_drift(inks: int) -> DriftState:
+    """The state of a press just profiled: nothing has changed, and this is how far it usually does."""
+    spread = np.concatenate(
+        [
+            np.full(inks, _GAIN_SPREAD),
+            np.full(inks, _BEND_SPREAD),
+            np.full(3, _GLAZE_SPREAD),
+            np.full(3 * inks, _FADE_SPREAD),
+            np.full(3 * len(ink_pairs(inks)), _CROSS_SPREAD),
+        ]
+    )
+    return DriftState(np.zeros(len(spread)), np.diag(spread**2), inks)
+
+
+def drifted(model: PressModel, state: DriftState) -> PressModel:
+    """The press as it prints now.
+
+    Raises
+    ------
+    ValueError
+        If the state is of another number of inks.
+    """
+    if state.inks != model.inks:
+        raise ValueError(f"the drift is of {state.inks} inks, the press of {model.inks}")
+    return model.with_drift(*state.parts())
+
+
+def aged(state: DriftState, share: float) -> DriftState:
+    """The same state some time later: as it was, but less sure, by ``share`` of the usual covariance of a fresh one."""
+    return replace(state, covariance=state.covariance + share * no_drift(state.inks).covariance)
+
+
+def _slopes(model: PressModel, state: DriftState, ink_frac: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Lab (M, 3) as the drifted press prints, and its slopes (M, 3, Q) for the state."""
+    lab = drifted(model, state).lab(ink_frac)
+    slopes = np.empty((*lab.shape, len(state.mean)))
+    for place in range(len(state.mean)):
+        moved = state.mean.copy()
+        moved[place] += _STEP
+        slopes[:, :, place] = (drifted(model, replace(state, mean=moved)).lab(ink_frac) - lab) / _STEP
+    return lab, slopes
+
+
+def update_drift(
+    model: PressModel,
+    state: DriftState,
+    ink_frac: NDArray[np.floating],
+    lab_d50: NDArray[np.floating],
+    noise_lab: float | NDArray[np.floating],
+) -> DriftState:
+    """Learn from fired colours of known inks.
+
+    Parameters
+    ----------
+    model
+        The press as it was profiled; a drift in it is left aside.
+    state
+        What was known before.
+    ink_frac, lab_d50
+        (M, N) inks of patches or image regions, and (M, 3) the absolute Lab they fired to. A region's inks are the mean
+        over it, which is right where it is even.
+    noise_lab
+        Spread of L*, a* and b* of each, one number or (M,): measuring, the kiln's unevenness, the model's own error.
+
+    Returns
+    -------
+    DriftState
+
+    Raises
+    ------
+    ValueError
+        If shapes don't fit, a value is not finite, or a noise is not above 0.
+
+    Notes
+    -----
+    The iterated extended Kalman update: B. M. Bell, F. W. Cathey, "The iterated Kalman filter update as a Gauss-Newton
+    method", IEEE Transactions on Automatic Control 38 (1993).
+    """
+    inks = np.asarray(ink_frac, dtype=np.float64)
+    colours = np.asarray(lab_d50, dtype=np.float64)
+    noise = np.broadcast_to(np.asarray(noise_lab, dtype=np.float64), (len(inks),))
+    if state.inks != model.inks or inks.ndim != 2 or inks.shape[1] != model.inks or colours.shape != (len(inks), 3):
+        raise ValueError(f"inks {inks.shape} and colours {colours.shape} don't fit a press of {model.inks} inks")
+    if not (np.isfinite(inks).all() and np.isfinite(colours).all() and (noise > 0.0).all()):
+        raise ValueError("inks and colours must be finite, and noise above 0")
+    known = np.linalg.inv(state.covariance)
+    weight = np.repeat(1.0 / noise**2, 3)
+    mean = state.mean
+    precision = known
+    for _ in range(_ROUNDS):
+        lab, slopes = _slopes(model, replace(state, mean=mean), inks)
+        lean = slopes.reshape(-1, len(mean))
+        miss = (colours - lab).reshape(-1)
+        precision = known + lean.T @ (weight[:, np.newaxis] * lean)
+        step = np.linalg.solve(precision, lean.T @ (weight * miss) + known @ (state.mean - mean))
+        mean = mean + step
+        mean[: 2 * state.inks] = np.clip(mean[: 2 * state.inks], -_MOST_GAIN, _MOST_GAIN)
+    return DriftState(mean, np.linalg.inv(precision), state.inks)
