@@ -45,6 +45,7 @@ def test_a_whole_run(finished_once: Any) -> None:
     result = json.loads((finished_once.folder / "result.json").read_text())
     assert set(result) == {
         *("output", "faces", "written", "kept", "texture_map", "press_map", "report", "preparation", "warnings"),
+        "colour",
     }
     assert (result["faces"], result["written"], result["kept"]) == (8, 8, 0)
     assert result["output"] == str(out)

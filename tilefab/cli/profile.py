@@ -8,6 +8,7 @@ from tilefab.cli.profile_apply import apply
 from tilefab.cli.profile_build import build
 from tilefab.cli.profile_chart import chart, read
 from tilefab.cli.profile_check import check
+from tilefab.cli.profile_link import link
 
 app = typer.Typer(
     help="Press profiles: print and read a chart, build a profile, check it, link and apply it.", no_args_is_help=True
@@ -24,3 +25,4 @@ app.command("read")(read)
 app.command("build")(build)
 app.command("check")(check)
 app.command("apply")(apply)
+app.command("link")(link)

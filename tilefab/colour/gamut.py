@@ -93,7 +93,7 @@ def _filled(most: Float64Array) -> Float64Array:
         known = ~np.isnan(most[:, col])
         if known.any():
             out[:, col] = np.interp(steps, steps[known], most[known, col])
-    known = ~np.isnan(out).all(axis=0)
+    known = np.asarray(~np.isnan(out).all(axis=0))
     turns = np.arange(3 * _HUE_STEPS)
     for row in range(len(out)):
         line, there = np.tile(out[row], 3), np.tile(known, 3)

@@ -98,6 +98,19 @@ def _random_recipes(inks: int, count: int, purpose: str) -> Float64Array:
     return np.asarray(rng.generator(0, purpose).random((count, inks)), dtype=np.float64)
 
 
+def tone_curves(model: PressModel) -> Float64Array:
+    """Curves (N, 256) that put nodes of an ink's axis where its colour changes fast, half by way and half by amount."""
+    amounts = np.linspace(0.0, 1.0, CURVE_ENTRIES)
+    curves = np.empty((model.inks, CURVE_ENTRIES))
+    for ink in range(model.inks):
+        ramp = np.zeros((CURVE_ENTRIES, model.inks))
+        ramp[:, ink] = amounts
+        lengths = np.linalg.norm(np.diff(relative_lab(model.lab(ramp), model.white_lab), axis=0), axis=1)
+        way = np.concatenate([[0.0], np.cumsum(lengths)])
+        curves[ink] = _in_steps(0.5 * amounts + 0.5 * way / max(way[-1], 1e-9))
+    return curves
+
+
 def build_forward(model: PressModel, grid: int, *, black_channel: int | None = None) -> ForwardTable:
     """Tabulate a press model on ``grid`` nodes for each ink.
 
@@ -120,16 +133,8 @@ def build_forward(model: PressModel, grid: int, *, black_channel: int | None = N
         raise ValueError(f"grid {grid} must be 2 or more")
     inks = model.inks
     white = model.white_lab
-    amounts = np.linspace(0.0, 1.0, CURVE_ENTRIES)
-    curves = np.empty((inks, CURVE_ENTRIES))
-    nodes = []
-    for ink in range(inks):
-        ramp = np.zeros((CURVE_ENTRIES, inks))
-        ramp[:, ink] = amounts
-        lengths = np.linalg.norm(np.diff(relative_lab(model.lab(ramp), white), axis=0), axis=1)
-        way = np.concatenate([[0.0], np.cumsum(lengths)])
-        curves[ink] = _in_steps(0.5 * amounts + 0.5 * way / max(way[-1], 1e-9))
-        nodes.append(_nodes(curves[ink], grid))
+    curves = tone_curves(model)
+    nodes = [_nodes(curve, grid) for curve in curves]
 
     def colour(recipes: Float64Array) -> Float64Array:
         measured = limit_total_ink(recipes, 100.0 * model.max_total, black_channel)
