@@ -31,7 +31,7 @@ def link(
     ] = DEFAULT_TOLERANCE,
     price: PriceOption = None,
     image: Annotated[
-        Path | None, typer.Option("--image", metavar="SCAN", help="Image on whose colours the saving is reported.")
+        Path | None, typer.Option("--image", metavar="SCAN", help="Image to save most ink on, and to tell it of.")
     ] = None,
     version: Annotated[int, typer.Option("--version", help="ICC version: 2 or 4.")] = 2,
     as_json: JsonOption = False,

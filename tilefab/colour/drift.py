@@ -23,7 +23,9 @@ _FADE_SPREAD = 0.06
 _CROSS_SPREAD = 0.03
 _GLAZE_SPREAD = 0.02
 _ROUNDS = 6
-_MOST_GAIN = 0.5
+MOST_TONE_CHANGE = 0.5
+"""Largest gain or bend of an ink that is believed."""
+
 _STEP = 1e-5
 
 
@@ -153,5 +155,6 @@ def update_drift(
         precision = known + lean.T @ (weight[:, np.newaxis] * lean)
         step = np.linalg.solve(precision, lean.T @ (weight * miss) + known @ (state.mean - mean))
         mean = mean + step
-        mean[: 2 * state.inks] = np.clip(mean[: 2 * state.inks], -_MOST_GAIN, _MOST_GAIN)
-    return DriftState(mean, np.linalg.inv(precision), state.inks)
+        mean[: 2 * state.inks] = np.clip(mean[: 2 * state.inks], -MOST_TONE_CHANGE, MOST_TONE_CHANGE)
+    covariance = np.linalg.inv(precision)
+    return DriftState(mean, 0.5 * (covariance + covariance.T), state.inks)

@@ -101,12 +101,14 @@ def _filled(most: Float64Array) -> Float64Array:
     return out
 
 
-def press_boundary(separator: Separator) -> GamutBoundary:
+def press_boundary(separator: Separator, white_lab: Float64Array | None = None) -> GamutBoundary:
     """Boundary of what a press prints within its limits.
 
-    The most colourful prints use one or two coloured inks, and black to darken them; they are tried at even steps.
+    Colours are relative to ``white_lab`` (3,), absolute Lab; None: to the press's own unprinted tile. The most
+    colourful prints use one or two coloured inks, and black to darken them; they are tried at even steps.
     """
     model, settings = separator.model, separator.settings
+    white = separator.white_lab if white_lab is None else white_lab
     black = settings.black_channel
     coloured = [ink for ink in range(model.inks) if ink != black]
     pairs: list[tuple[int, ...]] = [*itertools.combinations(coloured, 2)]
@@ -125,8 +127,8 @@ def press_boundary(separator: Separator) -> GamutBoundary:
         rows.append(recipe)
     rows.append(separator.dark_ink[np.newaxis])
     recipes = separator.feasible(np.concatenate(rows) * separator.upper)
-    found = boundary_of(relative_lab(model.lab(recipes), separator.white_lab))
-    dark = float(oklab_from_lab(relative_lab(separator.dark_lab, separator.white_lab))[0])
+    found = boundary_of(relative_lab(model.lab(recipes), white))
+    dark = float(oklab_from_lab(relative_lab(separator.dark_lab, white))[0])
     smooth = ndimage.gaussian_filter(found.chroma, sigma=(0.7, 0.7), mode=("nearest", "wrap"))
     return GamutBoundary(min(dark, found.dark), found.light, np.minimum(found.chroma, smooth))
 

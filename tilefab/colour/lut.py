@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,9 @@ from tilefab.colour.spaces import absolute_lab, delta_e_2000, relative_lab
 from tilefab.colour.stages import Curves, grid_points
 
 Float64Array = NDArray[np.float64]
+
+TabulatedIntent = Literal["perceptual", "relative", "saturation"]
+"""Intents that have a table of their own."""
 
 CURVE_ENTRIES = 256
 BACKWARD_ENTRIES = 4096
@@ -111,7 +115,9 @@ def tone_curves(model: PressModel) -> Float64Array:
     return curves
 
 
-def build_forward(model: PressModel, grid: int, *, black_channel: int | None = None) -> ForwardTable:
+def build_forward(
+    model: PressModel, grid: int, *, black_channel: int | None = None, white_lab: Float64Array | None = None
+) -> ForwardTable:
     """Tabulate a press model on ``grid`` nodes for each ink.
 
     Parameters
@@ -123,6 +129,8 @@ def build_forward(model: PressModel, grid: int, *, black_channel: int | None = N
         Nodes for each ink, 2 upwards; 11 to 17 for 4 inks.
     black_channel
         The ink that is kept where a recipe has more ink than was measured; None: all alike.
+    white_lab
+        (3,) absolute Lab that colours are relative to; None: the press's own unprinted tile.
 
     Raises
     ------
@@ -132,7 +140,7 @@ def build_forward(model: PressModel, grid: int, *, black_channel: int | None = N
     if grid < 2:
         raise ValueError(f"grid {grid} must be 2 or more")
     inks = model.inks
-    white = model.white_lab
+    white = model.white_lab if white_lab is None else white_lab
     curves = tone_curves(model)
     nodes = [_nodes(curve, grid) for curve in curves]
 
@@ -223,14 +231,100 @@ def backward_axes(grid: int, reach: NDArray[np.floating] | None = None) -> Backw
     return BackwardAxes(_in_steps(np.stack(rows)))
 
 
-def press_reach(model: PressModel, total_limit: float) -> Float64Array:
-    """Least and largest relative L*, a*, b* (2, 3) of what a press prints within a total limit."""
+def press_reach(model: PressModel, total_limit: float, white_lab: Float64Array | None = None) -> Float64Array:
+    """Least and largest relative L*, a*, b* (2, 3) of what a press prints within a total limit.
+
+    ``white_lab`` (3,) is what colours are relative to; None: the press's own unprinted tile.
+    """
     recipes = _random_recipes(model.inks, _RANGE_RECIPES, "recipes that show a press's reach")
     rare = _random_recipes(model.inks, _RANGE_RECIPES, "inks that a recipe has") < min(2.0 / model.inks, 1.0)
     recipes = np.concatenate([recipes, np.sqrt(recipes) * rare, np.eye(model.inks)])
     recipes *= np.minimum(1.0, total_limit / np.maximum(recipes.sum(axis=1, keepdims=True), 1e-9))
-    lab = relative_lab(model.lab(recipes), model.white_lab)
+    lab = relative_lab(model.lab(recipes), model.white_lab if white_lab is None else white_lab)
     return np.stack([lab.min(axis=0), lab.max(axis=0)])
+
+
+@dataclass(frozen=True)
+class BackwardNodes:
+    """Inks at the nodes of a backward table, from which the table of each intent is made.
+
+    Attributes
+    ----------
+    separator
+        The press model turned round, with its limits.
+    axes
+        Where the nodes stand.
+    white_lab
+        (3,) absolute Lab that colours are relative to.
+    inks
+        (G, G, G, N) ink fractions that make the nodes' own colours, or the nearest.
+    """
+
+    separator: Separator
+    axes: BackwardAxes
+    white_lab: Float64Array = field(repr=False)
+    inks: Float64Array = field(repr=False)
+
+
+def backward_nodes(separator: Separator, grid: int, *, white_lab: Float64Array | None = None) -> BackwardNodes:
+    """Inks for colours on ``grid`` nodes for each of L*, a*, b*.
+
+    Parameters
+    ----------
+    separator
+        The press model turned round, with its limits.
+    grid
+        Nodes on each axis, 3 upwards and best odd; 25 to 49.
+    white_lab
+        (3,) absolute Lab that colours are relative to; None: the press's own unprinted tile. A press that has drifted
+        keeps the white it had, so that it prints the same colours as before.
+
+    Raises
+    ------
+    ValueError
+        If the grid is below 3.
+    """
+    if grid < 3:
+        raise ValueError(f"grid {grid} must be 3 or more")
+    white = separator.model.white_lab if white_lab is None else white_lab
+    axes = backward_axes(grid, press_reach(separator.model, separator.settings.total_limit, white))
+    inks = separator.separate_grid(lambda nodes: absolute_lab(axes.colours(nodes), white), grid)
+    return BackwardNodes(separator, axes, white, inks)
+
+
+def backward_table(
+    nodes: BackwardNodes, intent: TabulatedIntent, *, image: GamutBoundary | None = None
+) -> Float64Array:
+    """The table (G, G, G, N) of one intent, ink fractions within the limits.
+
+    Parameters
+    ----------
+    nodes
+        Inks at the nodes.
+    intent
+        ``"perceptual"``, ``"relative"`` or ``"saturation"``.
+    image
+        What the perceptual table has to make room for; None: any colour.
+    """
+    separator, axes, white, relative = nodes.separator, nodes.axes, nodes.white_lab, nodes.inks
+    grid, inks = relative.shape[0], relative.shape[-1]
+    if intent == "relative":
+        table = _between_nodes(nodes, relative, lambda lab: lab)
+    else:
+        room = image if intent == "perceptual" else None
+        fit = perceptual_map(press_boundary(separator, white), room, vivid=intent == "saturation")
+        mapped = fit(axes.colours(grid))
+        near = multilinear_weights(axes.places(mapped, grid), (grid,) * 3) @ relative.reshape(-1, inks)
+        fitted = separator.follow(absolute_lab(mapped, white), np.asarray(near)).reshape(relative.shape)
+        table = _between_nodes(nodes, fitted, fit)
+    at_white = tuple(
+        int(np.flatnonzero(axis == value)[0]) for axis, value in zip(axes.values(grid), (100.0, 0.0, 0.0), strict=True)
+    )
+    table[table < _NO_INK] = 0.0
+    table[at_white] = 0.0
+    within = separator.feasible(table.reshape(-1, inks))
+    counts = quantise_inks(within, np.uint16, 100.0 * separator.settings.total_limit)
+    return np.asarray(counts / 65535.0, dtype=np.float64).reshape(relative.shape)
 
 
 def build_backward(
@@ -258,58 +352,38 @@ def build_backward(
     ValueError
         If the grid is below 3.
     """
-    if grid < 3:
-        raise ValueError(f"grid {grid} must be 3 or more")
     report = tell or (lambda _share: None)
     report(0.0)
-    model = separator.model
-    white = model.white_lab
-    axes = backward_axes(grid, press_reach(model, separator.settings.total_limit))
-    wanted = axes.colours(grid)
-
-    relative = separator.separate_grid(lambda nodes: absolute_lab(axes.colours(nodes), white), grid)
+    nodes = backward_nodes(separator, grid)
     report(0.4)
-    error = delta_e_2000(model.lab(relative.reshape(-1, model.inks)), absolute_lab(wanted, white))
+    wanted = absolute_lab(nodes.axes.colours(grid), nodes.white_lab)
+    error = delta_e_2000(separator.model.lab(nodes.inks.reshape(-1, separator.model.inks)), wanted)
     distance = np.clip(error / _FAR_DELTA_E, 0.0, 1.0)
     gamut = np.where(error < _IN_GAMUT_DELTA_E, 0.0, np.maximum(distance, 1.0 / 65535.0))
-
-    boundary = press_boundary(separator)
-    tables = [_between_nodes(separator, axes, relative, lambda lab: lab)]
-    report(0.7)
-    for room, vivid in ((image, False), (None, True)):
-        fit = perceptual_map(boundary, room, vivid=vivid)
-        mapped = fit(wanted)
-        near = multilinear_weights(axes.places(mapped, grid), (grid,) * 3) @ relative.reshape(-1, model.inks)
-        inks = separator.follow(absolute_lab(mapped, white), np.asarray(near)).reshape(relative.shape)
-        tables.append(_between_nodes(separator, axes, inks, fit))
-        report(0.7 + 0.1 * (len(tables) - 1))
-    at_white = tuple(
-        int(np.flatnonzero(axis == value)[0]) for axis, value in zip(axes.values(grid), (100.0, 0.0, 0.0), strict=True)
-    )
-    limit = separator.settings.total_limit
-    for table in tables:
-        table[table < _NO_INK] = 0.0
-        table[at_white] = 0.0
-    done = [
-        quantise_inks(separator.feasible(t.reshape(-1, model.inks)), np.uint16, 100.0 * limit) / 65535.0 for t in tables
-    ]
-    relative, perceptual, saturation = (table.reshape(relative.shape) for table in done)
+    relative = backward_table(nodes, "relative")
+    report(0.6)
+    perceptual = backward_table(nodes, "perceptual", image=image)
+    report(0.8)
+    saturation = backward_table(nodes, "saturation")
     report(1.0)
-    return BackwardTables(axes.curves, perceptual, relative, saturation, gamut.reshape((grid,) * 3))
+    return BackwardTables(nodes.axes.curves, perceptual, relative, saturation, gamut.reshape((grid,) * 3))
 
 
 def _between_nodes(
-    separator: Separator, axes: BackwardAxes, inks: Float64Array, fit: Callable[[Float64Array], Float64Array]
+    given: BackwardNodes, inks: Float64Array, fit: Callable[[Float64Array], Float64Array]
 ) -> Float64Array:
     """Nodes moved so that colours between them come out right, where the press can make them.
 
     Parameters
     ----------
+    given
+        The press, and where the nodes stand.
     inks
         (G, G, G, N) on the nodes.
     fit
         What the table makes of relative Lab before it is separated.
     """
+    separator, axes = given.separator, given.axes
     nodes = inks.shape[0]
     flat = inks.reshape(-1, inks.shape[-1])
     model = separator.model
@@ -320,7 +394,7 @@ def _between_nodes(
         """Colours wanted at places, the weights of the nodes there, and the recipes between the nodes."""
         lab = np.column_stack([np.interp(places[:, k], np.arange(nodes), values[k]) for k in range(3)])
         weights = multilinear_weights(places, (nodes,) * 3)
-        return absolute_lab(fit(lab), separator.white_lab), weights, np.asarray(weights @ flat)
+        return absolute_lab(fit(lab), given.white_lab), weights, np.asarray(weights @ flat)
 
     def error(recipe: Float64Array, colour: Float64Array) -> Float64Array:
         return np.asarray(delta_e_2000(model.lab(recipe), colour))

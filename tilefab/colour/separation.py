@@ -33,13 +33,14 @@ _DARK_NEUTRALITY = 4.0
 _FIRST_DAMPING = 0.1
 _SMALL_STEP = 5e-5
 _COARSEST_NODES = 17
-_LEAST_INK_PRICE, _PRICE_OF_TOLERANCE = 0.05, 24.0
-_MOST_OF_TOLERANCE, _TOLERANCE_ROUNDS = 1.1, 4
+_LEAST_INK_PRICE = 0.05
+_TOLERANCE_ROUNDS = 4
 _STANDARD_PRICE = 0.01
 _SPARING = 0.02
 _BLACK_RISE = 1.8
-_SMOOTHING_ROUNDS = 3
-_AGREEMENT = 0.1
+_SMOOTHING_ROUNDS = {"standard": 6, "least_ink": 3}
+_AGREEMENT = {"standard": 5.0, "least_ink": 1.0}
+_FOLLOWING = 0.1
 _STRONG_WISH, _WISH = 30.0, 0.1
 
 
@@ -60,8 +61,11 @@ class SeparationSettings:
     prices
         What each ink costs, in any unit; None is the same for all. Only their ratios matter.
     tolerance
-        By how much colours may move for cheaper inks, CIEDE2000, about: never a tenth more,
-        less where ink is well spent; 0 keeps colours exact. Only `Separator.follow` heeds it (least_ink).
+        The most that a colour may move for cheaper inks, CIEDE2000; 0 keeps colours exact. Only `Separator.follow`
+        heeds it (least_ink).
+    thrift
+        How readily colours move within the tolerance: the square of the difference worth taking for a whole ink of mean
+        price, half.
     black_start
         Share of the way from white to the darkest colour, 0 to 1, at which black is first wished for (standard).
     black_most
@@ -81,6 +85,7 @@ class SeparationSettings:
     style: SeparationStyle = "standard"
     prices: tuple[float, ...] | None = None
     tolerance: float = 0.0
+    thrift: float = 4.0
     black_start: float = 0.4
     black_most: float = 0.95
     black_chroma: float = 18.0
@@ -411,11 +416,12 @@ class Separator:
     def _agree(self, lab_d50: Float64Array, near: Float64Array, iterations: int) -> Float64Array:
         """Recipes (M, N) that the style wants for colours (M, 3), as far as they agree with ``near`` (M, N)."""
         anchor, pull, price = self._objective(lab_d50)
-        together = pull + _AGREEMENT
+        agreement = _AGREEMENT[self.settings.style]
+        together = pull + agreement
         return self.solve(
             lab_d50,
             start=near,
-            anchor=(pull * anchor + _AGREEMENT * near) / together,
+            anchor=(pull * anchor + agreement * near) / together,
             pull=together,
             price=price,
             upper=self.limits_at(lab_d50),
@@ -429,18 +435,17 @@ class Separator:
         """
         colours = np.asarray(lab_d50, dtype=np.float64)
         upper = self.limits_at(colours)
-        pull = np.full_like(near, _AGREEMENT)
+        pull = np.full_like(near, _FOLLOWING)
         exact = self.solve(colours, start=near, anchor=near, pull=pull, upper=upper, iterations=iterations)
         tolerance = self.settings.tolerance
         if tolerance == 0.0:
             return exact
         # The error that a price buys is nearly in proportion to it: a few rounds bring it under the most allowed.
         reached = self.model.lab(exact)
-        most = _MOST_OF_TOLERANCE * tolerance
         share = np.ones(len(colours))
         cheaper = exact
         for _ in range(_TOLERANCE_ROUNDS):
-            price = (_PRICE_OF_TOLERANCE * tolerance * share)[:, np.newaxis] * self.prices
+            price = (self.settings.thrift * share)[:, np.newaxis] * self.prices
             cheaper = self.solve(
                 reached,
                 start=cheaper,
@@ -451,7 +456,7 @@ class Separator:
                 iterations=iterations,
             )
             moved = np.asarray(delta_e_2000(self.model.lab(cheaper), reached))
-            share *= np.minimum(1.0, most / np.maximum(moved, 1e-9))
+            share *= np.minimum(1.0, tolerance / np.maximum(moved, 1e-9))
         return cheaper
 
     def separate_grid(self, colours_at: Callable[[int], Float64Array], nodes: int) -> Float64Array:
@@ -479,7 +484,7 @@ class Separator:
         size = sizes[0]
         colours = colours_at(size)
         result = self.separate(colours)
-        for _ in range(_SMOOTHING_ROUNDS):
+        for _ in range(_SMOOTHING_ROUNDS[self.settings.style]):
             near = neighbour_mean(result.reshape(size, size, size, inks)).reshape(-1, inks)
             result = self._agree(colours, near, 15)
         for finer in sizes[1:]:
