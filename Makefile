@@ -40,6 +40,7 @@ bench: install
 	$(BIN)/python benchmarks/demo_profile.py
 	$(BIN)/python benchmarks/press_profiles.py
 	$(BIN)/python benchmarks/smoothness.py
+	$(BIN)/python benchmarks/drift.py
 	$(BIN)/python benchmarks/ink_saving.py
 	$(BIN)/python benchmarks/fuzz_readers.py
 

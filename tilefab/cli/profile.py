@@ -8,6 +8,7 @@ from tilefab.cli.profile_apply import apply
 from tilefab.cli.profile_build import build
 from tilefab.cli.profile_chart import chart, read
 from tilefab.cli.profile_check import check
+from tilefab.cli.profile_drift import drift
 from tilefab.cli.profile_link import link
 
 app = typer.Typer(
@@ -26,3 +27,4 @@ app.command("build")(build)
 app.command("check")(check)
 app.command("apply")(apply)
 app.command("link")(link)
+app.command("drift")(drift)

@@ -96,6 +96,10 @@ def _show(report: ProfileReport, output: Path) -> None:
         table.add_row(what, f"ΔE00 {mean:.2f} mean, {most:.2f} at 95 %")
     table.add_row("model against the press", f"ΔE00 {report.expected_error:.2f}, estimated")
     table.add_row("noise of a reading", f"{report.noise_lab:.2f} in L*, a*, b*")
+    if report.spectral_rms is not None:
+        lamp = report.spectral_delta_e_a
+        shown = "" if lamp is None else f", ΔE00 {lamp:.2f} mean under illuminant A"
+        table.add_row("spectra, held-out patches", f"{report.spectral_rms:.4f} RMS{shown}")
     Console().print(table)
 
 

@@ -62,7 +62,7 @@ class ColourChoice:
         return np.asarray(weights @ self.inks.reshape(-1, self.inks.shape[-1]))
 
 
-def colour_choice(separator: Separator, nodes: int = _COLOUR_NODES) -> ColourChoice:
+def colour_choice(separator: Separator, nodes: int) -> ColourChoice:
     """Tabulate a separation on ``nodes`` nodes an axis."""
     axes = backward_axes(nodes, press_reach(separator.model, separator.settings.total_limit))
     white = separator.white_lab
@@ -93,7 +93,7 @@ def build_link(
         Largest ink sum that comes in; recipes above it need no care.
     """
     inputs = len(curves)
-    choice = colour_choice(separator)
+    choice = colour_choice(separator, _COLOUR_NODES)
     white = separator.white_lab
     codes = np.linspace(0.0, 1.0, curves.shape[1])
     axes = tuple(np.interp(np.linspace(0.0, 1.0, nodes), curve, codes) for curve in curves)

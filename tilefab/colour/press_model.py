@@ -276,7 +276,7 @@ def merge_repeats(ink_frac: Float64Array, lab_d50: Float64Array) -> _Patches:
     keys, inverse, counts = np.unique(rounded, axis=0, return_inverse=True, return_counts=True)
     inverse = inverse.reshape(-1)
     recipes = np.zeros((len(keys), ink_frac.shape[1]))
-    colours = np.zeros((len(keys), 3))
+    colours = np.zeros((len(keys), lab_d50.shape[1]))
     np.add.at(recipes, inverse, ink_frac)
     np.add.at(colours, inverse, lab_d50)
     weight = counts[:, np.newaxis]

@@ -102,6 +102,42 @@ def bump(r: Float64Array) -> Float64Array:
     return np.asarray(fourth * left * ((8.0 * r + 5.0) * r + 1.0), dtype=np.float64)
 
 
+def likeness(first: Float64Array, second: Float64Array, reach: Float64Array, weight: Float64Array) -> Float64Array:
+    """Correlation (A, B) of recipes (A, N) and (B, N), 1 for equal ones; reach and weight as in `add_residual`."""
+    product = np.ones((len(first), len(second)))
+    for i in range(len(reach)):
+        distance = np.abs(first[:, i][:, np.newaxis] - second[:, i][np.newaxis]) / reach[i]
+        product *= (1.0 + weight[i] * bump(distance)) / (1.0 + weight[i])
+    return product
+
+
+def likeness_slopes(
+    shared: Float64Array, distances: list[Float64Array], reach: Float64Array, weight: Float64Array
+) -> tuple[Float64Array, Float64Array]:
+    """Slopes (N,) for the logarithms of reach and weight of a value that leans on `likeness`.
+
+    Parameters
+    ----------
+    shared
+        (P, P) likeness of recipes, each entry times twice the slope of the value for it.
+    distances
+        For each ink (P, P), how far recipes are apart.
+    reach, weight
+        (N,) as in `add_residual`.
+    """
+    by_reach, by_weight = np.empty(len(reach)), np.empty(len(weight))
+    for i in range(len(reach)):
+        r = np.minimum(distances[i] / reach[i], 1.0)
+        weighted = weight[i] * bump(r)
+        part = shared / (1.0 + weighted)
+        fourth = (1.0 - r) * (1.0 - r)
+        fourth *= fourth
+        by_reach[i] = 7.0 * weight[i] * float((part * fourth * r * r * (4.0 * r + 1.0)).sum())
+        share = weight[i] / (1.0 + weight[i])
+        by_weight[i] = 0.5 * (float((part * weighted).sum()) - share * float(shared.sum()))
+    return by_reach, by_weight
+
+
 @dataclass(frozen=True)
 class Covariance:
     """How alike the residuals of two recipes are.
@@ -130,11 +166,7 @@ class Covariance:
 
     def alike(self, first: Float64Array, second: Float64Array) -> Float64Array:
         """Correlation (A, B) of recipes (A, N) and (B, N), 1 for equal ones."""
-        product = np.ones((len(first), len(second)))
-        for i in range(len(self.reach)):
-            distance = np.abs(first[:, i][:, np.newaxis] - second[:, i][np.newaxis]) / self.reach[i]
-            product *= (1.0 + self.weight[i] * bump(distance)) / (1.0 + self.weight[i])
-        return product
+        return likeness(first, second, self.reach, self.weight)
 
     def grown(self, lightness: Float64Array) -> Float64Array:
         """Factor (P,) on the spread at L* (P,)."""
@@ -221,15 +253,9 @@ class Evidence:
             slope[-2] += float((gradient * physics).sum())
             slope[-1] += float((np.diag(gradient) * covariance.noise**2 / self.counts).sum())
             shared += smooth
-        for i in range(inks):
-            r = np.minimum(self._distances[i] / covariance.reach[i], 1.0)
-            weighted = covariance.weight[i] * bump(r)
-            part = shared / (1.0 + weighted)
-            fourth = (1.0 - r) * (1.0 - r)
-            fourth *= fourth
-            slope[i] += 7.0 * covariance.weight[i] * float((part * fourth * r * r * (4.0 * r + 1.0)).sum())
-            share = covariance.weight[i] / (1.0 + covariance.weight[i])
-            slope[inks + i] += 0.5 * (float((part * weighted).sum()) - share * float(shared.sum()))
+        by_reach, by_weight = likeness_slopes(shared, self._distances, covariance.reach, covariance.weight)
+        slope[:inks] += by_reach
+        slope[inks : 2 * inks] += by_weight
         return value, slope
 
 

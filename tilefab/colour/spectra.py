@@ -1,10 +1,12 @@
-"""Reflectance spectra into tristimulus values: CIE 1931 2 degree observer, CIE illuminant D50.
+"""Reflectance spectra into tristimulus values: CIE 1931 2 degree observer, CIE illuminant D50 or A.
 
 A spectrum is taken to the tables' 5 nm by a cubic through its bands, held at its first and last band beyond them, and
 summed. Instruments report bands that are already corrected for their own width, so nothing is corrected here.
 """
 
 from __future__ import annotations
+
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -70,20 +72,33 @@ _ILLUMINANT_D50 = _table(
 )
 _TABLE_NM = np.arange(SHORTEST_NM, LONGEST_NM + STEP_NM / 2.0, STEP_NM)
 
+# CIE 15:2004, section 3.1: a black body at 2856 K by today's constants, 2848 K by those it was defined with.
+_ILLUMINANT_A = (
+    100.0 * (560.0 / _TABLE_NM) ** 5 * np.expm1(1.435e7 / (2848.0 * 560.0)) / np.expm1(1.435e7 / (2848.0 * _TABLE_NM))
+)
 
-def spectral_weights(wavelengths_nm: ArrayLike) -> Float64Array:
-    """Weights that make XYZ under D50 of a reflectance: ``xyz = reflectance @ weights``.
+Illuminant = Literal["D50", "A"]
+"""Light that a spectrum is seen under: daylight, or an incandescent lamp."""
+
+_ILLUMINANTS = {"D50": _ILLUMINANT_D50, "A": _ILLUMINANT_A}
+
+
+def spectral_weights(wavelengths_nm: ArrayLike, illuminant: Illuminant = "D50") -> Float64Array:
+    """Weights that make XYZ of a reflectance: ``xyz = reflectance @ weights``.
 
     Parameters
     ----------
     wavelengths_nm
         (B,) centres of the bands in nm, increasing, at most 20 nm apart, from 430 or shorter to 680 or longer.
+    illuminant
+        The light.
 
     Returns
     -------
     numpy.ndarray
         (B, 3) float64. Each column sums to the D50 white of the ICC connection space, so that a perfect reflector is
-        exactly that white and a grey is exactly neutral; the tables' own white differs from it by 0.03 % in Z.
+        exactly that white and a grey is exactly neutral; the tables' own white differs from it by 0.03 % in Z. Under A
+        too, so that `lab_from_xyz` makes of it CIELAB under A, whose ratios are to the light's own white.
 
     Raises
     ------
@@ -110,7 +125,7 @@ def spectral_weights(wavelengths_nm: ArrayLike) -> Float64Array:
         raise ValueError(f"bands are up to {np.diff(bands).max():g} nm apart, but at most {MOST_STEP_NM:g} nm will do")
     # A cubic is linear in its values: the splines through unit spectra, at the tables' wavelengths, are the weights.
     to_table = CubicSpline(bands, np.eye(len(bands)), bc_type="natural")(np.clip(_TABLE_NM, bands[0], bands[-1]))
-    seen = np.stack([_OBSERVER_X, _OBSERVER_Y, _OBSERVER_Z], axis=1) * _ILLUMINANT_D50[:, np.newaxis]
+    seen = np.stack([_OBSERVER_X, _OBSERVER_Y, _OBSERVER_Z], axis=1) * _ILLUMINANTS[illuminant][:, np.newaxis]
     weights = np.asarray(to_table, dtype=np.float64).T @ seen
     return np.asarray(weights * (np.array(WHITE_XYZ_D50) / weights.sum(axis=0)), dtype=np.float64)
 

@@ -196,9 +196,38 @@ class Colour(Section):
         max_length=8,
         description="Names of the inks. Default: those in the profile, or Cyan, Magenta, Yellow, Black.",
     )
+    separation: Literal["profile", "standard", "least_ink"] = Field(
+        "profile",
+        description="How inks are chosen among recipes of one colour. `profile`: as the profile does (with `gamut` or "
+        "`drift`: as `standard`). `standard`: black as printers are used to. `least_ink`: the cheapest recipe. All but "
+        "`profile` need a profile that carries its measurements, as do `gamut` and `drift`.",
+    )
+    ink_prices: dict[str, Annotated[float, Field(gt=0)]] | None = Field(
+        None,
+        min_length=1,
+        max_length=8,
+        description="What each ink costs, in any unit, as { Blue = 30.0 }; inks not named cost 1 (least_ink only).",
+    )
+    gamut: Literal["any", "image"] = Field(
+        "any",
+        description="What the perceptual intent makes room for: `any` colour, or only those of this stone (`image`), "
+        "which then keeps more of its own.",
+    )
+    drift: str | None = Field(
+        None, description="Drift state of the press since it was profiled: a file of `tilefab profile drift`."
+    )
+
+    @property
+    def rebuilds_tables(self) -> bool:
+        """Whether the press's tables are made for this job, instead of taken from the profile."""
+        return self.separation != "profile" or self.gamut != "any" or self.drift is not None
 
     @model_validator(mode="after")
     def _check(self) -> Colour:
+        if self.ink_prices is not None and self.separation != "least_ink":
+            raise ValueError('ink_prices: only for separation = "least_ink"; remove it or change the separation')
+        if self.gamut == "image" and self.intent != "perceptual":
+            raise ValueError('gamut: "image" is for intent = "perceptual" only; remove it or change the intent')
         for name in self.ink_names or []:
             if not name or not name.isascii() or not name.isprintable() or len(name) > 40:
                 raise ValueError(f"ink_names: {name!r} must be 1 to 40 printable ASCII characters")

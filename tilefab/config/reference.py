@@ -46,6 +46,8 @@ def _kind(schema: dict[str, Any]) -> str:
         low, high = schema.get("minItems"), schema.get("maxItems")
         count = f"{low} " if low is not None and low == high else ""
         return f"list of {count}({_kind(schema['items'])})"
+    if schema.get("type") == "object":
+        return f"table of ({_kind(schema['additionalProperties'])})"
     words = {"string": "text", "integer": "whole number", "number": "number", "boolean": "true or false"}
     kind = words.get(str(schema.get("type")), "value")
     bounds = [

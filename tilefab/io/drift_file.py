@@ -150,6 +150,4 @@ def _no_number(text: str) -> NoReturn:
 
 
 def _refuse(name: str, reason: str) -> NoReturn:
-    raise ProfileError(
-        f"{name}: {reason}: give a drift state written by `tilefab profile drift`", path=name
-    ) from None
+    raise ProfileError(f"{name}: {reason}: give a drift state written by `tilefab profile drift`", path=name) from None

@@ -51,9 +51,12 @@ def save_press_model(path: Path, model: PressModel, key: str, notes: dict[str, A
         "errors": {name: getattr(model.errors, name) for name in _ERRORS},
     }
     arrays = {name: np.asarray(getattr(model.arrays, name)) for name in _ARRAYS}
-    text = np.frombuffer(json.dumps(head).encode(), dtype=np.uint8)
+    arrays |= {"head": np.frombuffer(json.dumps(head).encode(), dtype=np.uint8), "held_out": model.errors.held_out}
     stream = io.BytesIO()
-    np.savez(stream, head=text, held_out=model.errors.held_out, **arrays)
+    with zipfile.ZipFile(stream, "w") as archive:
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w") as member:
+                np.save(member, array, allow_pickle=False)
     atomic_write_bytes(path, stream.getvalue())
 
 
@@ -68,7 +71,8 @@ def load_press_model(path: Path, key: str) -> tuple[PressModel, dict[str, Any]] 
                 return None
             found = {name: np.ascontiguousarray(file[name], dtype=np.float64) for name in _ARRAYS}
             held_out = np.asarray(file["held_out"], dtype=np.float64)
-        arrays = PressArrays(**found, **{name: float(head["numbers"][name]) for name in _NUMBERS})
+        parts: dict[str, Any] = {**found, **{name: float(head["numbers"][name]) for name in _NUMBERS}}
+        arrays = PressArrays(**parts)
         errors = ModelErrors(**head["errors"], held_out=held_out)
         if _fit_together(arrays):
             return PressModel(arrays, float(head["max_total"]), errors), dict(head["notes"])

@@ -14,10 +14,10 @@ from tilefab.colour import delta_e_2000, limit_total_ink, srgb_from_xyz, xyz_fro
 from tilefab.colour.encoding import decode_lab16
 from tilefab.colour.stages import grid_points
 from tilefab.colour.transform import Colorimetric
-from tilefab.io.press_profile import press_transform
 from tilefab.pipeline.faces import face_region
 from tilefab.pipeline.maps import JobMaps, press_black
 from tilefab.pipeline.plan import Plan
+from tilefab.pipeline.press_tables import job_press
 from tilefab.report import ColourView, InkView, SwatchView
 from tilefab.sampling import render_points
 
@@ -47,10 +47,10 @@ def colour_facts(plan: Plan, maps: JobMaps, faces: list[int]) -> ColourView:
     inks = counts.astype(np.float32) / np.float32(np.iinfo(counts.dtype).max)
     # Stone and print are compared as the intent means them: against the glaze's white, or absolutely.
     compared: Colorimetric = "absolute" if colour.intent == "absolute" else "relative"
-    transform = press_transform(plan.press_profile, colour.intent)
+    transform = job_press(plan, colour.intent, maps.texture)
     printed = transform.lab_from_inks(inks[None], intent=compared)[0]
     wanted = transform.inks_from_lab(stone[None])[0]
-    colorimetric = press_transform(plan.press_profile, compared)
+    colorimetric = job_press(plan, compared)
     nearest = colorimetric.lab_from_inks(colorimetric.inks_from_lab(stone[None]), intent=compared)[0]
     difference = np.asarray(delta_e_2000(stone, printed))
     missed = np.asarray(delta_e_2000(stone, nearest))

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from tilefab.errors import OutputError
 from tilefab.io.faces import PREVIEW_SUFFIXES, PrintTags, pixel_hash, write_preview, write_print_tiff
 from tilefab.io.manifest import JOB_RECORD_NAME, MANIFEST_NAME, Manifest
-from tilefab.pipeline.maps import MAPS_FOLDER, JobMaps, proof_map
-from tilefab.pipeline.plan import Plan
+from tilefab.pipeline.maps import JobMaps, proof_map
+from tilefab.pipeline.plan import MAPS_FOLDER, Plan
 from tilefab.sampling import CropMap, CropPlan, Region, TextureMap, plan_region, render, render_plan
 from tilefab.types import Array
 

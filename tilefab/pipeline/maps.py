@@ -14,7 +14,6 @@ from tilefab.colour import (
     PressTransform,
     absolute_lab,
     black_channel,
-    lab_from_xyz,
     srgb_from_xyz,
     xyz_from_lab,
 )
@@ -24,18 +23,17 @@ from tilefab.colour.press_counts import limit_counts
 from tilefab.errors import OutputError, SynthesisError, TextureMapError
 from tilefab.io.atomic import make_folder
 from tilefab.io.manifest import folder_owner
-from tilefab.io.press_profile import press_transform
 from tilefab.io.texture_map_file import SUFFIX, load_texture_map, save_texture_map
 from tilefab.pipeline.crops import build_crops, rebuilt_crops
 from tilefab.pipeline.kept_slab import forget_slabs, kept_or_prepared
-from tilefab.pipeline.plan import Plan
+from tilefab.pipeline.plan import MAPS_FOLDER, Plan
 from tilefab.pipeline.prepare import PreparedSlab
+from tilefab.pipeline.press_tables import fired_colours, job_press
 from tilefab.pipeline.progress import Progress
 from tilefab.pipeline.tiles import build_tile
 from tilefab.sampling import TextureMap
 from tilefab.types import Array
 
-MAPS_FOLDER = "maps"
 RGB_SPACE = "srgb8"
 MIN_SLAB_PX = 16
 _STRIP_PIXELS = 1 << 21
@@ -176,7 +174,7 @@ def convert_map(plan: Plan, texture: TextureMap, progress: Progress, threads: in
     """Convert a texture map to the inks of the job's press, total ink never above the job's limit."""
     stage = "Converting to inks"
     colour = plan.job.colour
-    transform = press_transform(plan.press_profile, colour.intent)
+    transform = job_press(plan, colour.intent, texture, progress)
     black = press_black(plan, transform)
     dtype = np.dtype(np.uint8 if plan.job.output.bits == 8 else np.uint16)
     convert = transform.counts_from_lab16(dtype)
@@ -207,14 +205,12 @@ def proof_map(plan: Plan, press: TextureMap, threads: int | None = None) -> Text
 
     Proofs are rendered from it, so a proof shows the same pixels of the stone as the face.
     """
-    transform = press_transform(plan.press_profile, "relative")
-    white_lab = lab_from_xyz(plan.press_profile.white_xyz)
+    colours, white_lab = fired_colours(plan, press.base.dtype)
 
     def screen(lab: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(srgb_from_xyz(xyz_from_lab(absolute_lab(lab, white_lab))), dtype=np.float64)
 
     shown = compile_table(bake(screen, "lab", "rgb", 3, nodes=_SCREEN_NODES), np.uint16, np.uint8)
-    colours = transform.lab16_from_counts(press.base.dtype)
     base = np.empty((*press.base.shape[:2], 3), dtype=np.uint8)
     workers = threads or os.cpu_count() or 1
     for rows in _strips(base):

@@ -13,9 +13,11 @@ from pathlib import Path
 from tilefab.config import Job, JobFile
 from tilefab.config.models import OF_DESIGN
 from tilefab.errors import ConfigError, ImageError, Problem, ProfileError
+from tilefab.io.drift_file import DriftFile, read_drift_file
 from tilefab.io.icc import IccProfile, parse_icc_profile, read_icc_profile, require_press_profile
 from tilefab.io.press_profile import require_inks
 from tilefab.io.scans import ScanFacts, scan_facts
+from tilefab.pipeline.carried import carried_measurements, same_inks
 from tilefab.sampling import FORMAT_VERSION, CropMap, PlaneLayout, TextureMap
 from tilefab.types import SizeMm, SizePx
 from tilefab.units import px_from_mm, size_px_from_mm
@@ -27,6 +29,8 @@ CONVERSION_VERSION = 2
 """Raised whenever the same map and profile would be converted into other inks."""
 
 PACKAGE_SCHEME = "package:"
+MAPS_FOLDER = "maps"
+"""Folder of a run's maps, inside its own."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,10 @@ class Plan:
         Hash of all that the map in inks depends on, but for the map.
     job_hash
         Hash of all that decides the pixels of a face of given index.
+    drift
+        How the press has drifted since it was profiled, if the job tells.
+    drift_sha256
+        Hash of the file that tells it; empty where there is none.
     """
 
     job_file: JobFile
@@ -78,6 +86,8 @@ class Plan:
     map_key: str
     press_key: str
     job_hash: str
+    drift: DriftFile | None = None
+    drift_sha256: str = ""
 
     @property
     def job(self) -> Job:
@@ -190,6 +200,22 @@ def plan_job(job_file: JobFile, output: Path | None = None) -> Plan:
     return _Planner(job_file).plan(output)
 
 
+def require_drift_of(drift: DriftFile, profile: IccProfile, name: str) -> None:
+    """Make sure that a drift state belongs to a profile.
+
+    Raises
+    ------
+    ProfileError
+        If it is of other inks or of another profile.
+    """
+    same_inks(drift.ink_names, profile, name)
+    if drift.profile_sha256 != profile.sha256:
+        raise ProfileError(
+            f"{name}: is the drift from another profile than {profile.path}: fit it anew with tilefab profile drift",
+            path=name,
+        )
+
+
 class _Planner:
     def __init__(self, job_file: JobFile) -> None:
         self.file, self.job = job_file, job_file.job
@@ -201,6 +227,9 @@ class _Planner:
         scans = self._scans()
         input_profile = self._input_profile()
         press_profile = self._press_profile()
+        drift, drift_sha256 = self._drift(press_profile)
+        if press_profile is not None and job.colour.rebuilds_tables:
+            self._check_measurements(press_profile)
         if len(self.problems) == 1 and len(self.causes) == 1:
             cause = self.causes[0]
             raise type(cause)(str(self.problems[0]), path=cause.path) from cause
@@ -222,13 +251,20 @@ class _Planner:
         }
         chosen = {key: sorted(set(texture.get(key, []))) for key in ("drop", "keep")}
         map_facts = [build_facts, chosen]
-        press_facts = {
+        press_facts: dict[str, object] = {
             "conversion": CONVERSION_VERSION,
             "profile": press_profile.sha256,
             "intent": job.colour.intent,
             "limit": job.colour.ink_limit_percent,
             "bits": job.output.bits,
         }
+        if job.colour.rebuilds_tables:
+            press_facts["tables"] = {
+                "separation": job.colour.separation,
+                "prices": job.colour.ink_prices,
+                "gamut": job.colour.gamut,
+                "drift": drift_sha256,
+            }
         face_facts = {
             "size_mm": job.tile.size_mm,
             "bleed_mm": job.tile.bleed_mm,
@@ -247,6 +283,8 @@ class _Planner:
             map_key=_hash_of(map_facts),
             press_key=_hash_of(press_facts),
             job_hash=_hash_of([map_facts, press_facts, face_facts]),
+            drift=drift,
+            drift_sha256=drift_sha256,
         )
 
     def _scans(self) -> tuple[SlabScan, ...]:
@@ -339,6 +377,33 @@ class _Planner:
             message = f"{len(names)} names for the {profile.channels} inks of {path.name}"
             self.problems.append(self.file.problem("colour", "ink_names", message))
         return profile
+
+    def _drift(self, profile: IccProfile | None) -> tuple[DriftFile | None, str]:
+        name = self.job.colour.drift
+        path = self._find(name, "drift", section="colour") if name else None
+        if path is None:
+            return None, ""
+        try:
+            drift, sha256 = read_drift_file(path)
+            if profile is not None:
+                require_drift_of(drift, profile, str(path))
+        except ProfileError as error:
+            self._add("drift", error, section="colour")
+            return None, ""
+        return drift, sha256
+
+    def _check_measurements(self, profile: IccProfile) -> None:
+        """Tables are rebuilt from what the profile carries, with prices for its inks."""
+        try:
+            carried_measurements(profile)
+        except ProfileError as error:
+            self._add("press_profile", error, section="colour")
+        names = self.job.colour.ink_names or profile.ink_names
+        known = {name.casefold() for name in names}
+        for ink in self.job.colour.ink_prices or {}:
+            if ink.casefold() not in known:
+                message = f"there is no ink {ink!r}; the inks are {', '.join(names)}"
+                self.problems.append(self.file.problem("colour", "ink_prices", message))
 
     def _add(self, key: str, error: ProfileError | ImageError, section: str = "slab") -> None:
         self.problems.append(self.file.problem(section, key, error.message))

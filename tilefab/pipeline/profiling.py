@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -17,6 +17,7 @@ from tilefab.colour.lut import build_backward, build_forward
 from tilefab.colour.press_model import PressModel, fit_press_model
 from tilefab.colour.separation import SeparationSettings, SeparationStyle, Separator
 from tilefab.colour.spaces import delta_e_2000, relative_lab, xyz_from_lab
+from tilefab.colour.spectral_model import SpectralModel, fit_spectral_model
 from tilefab.errors import ProfileError
 from tilefab.io.atomic import atomic_write_bytes
 from tilefab.io.cgats import Measurements, read_measurements
@@ -98,6 +99,9 @@ class ProfileReport:
         Size of the profile.
     warnings
         What is to be said about the chart.
+    spectral_rms, spectral_delta_e_a
+        Spectral model against patches it was not fitted to, their noise included: root mean square of reflectance, and
+        mean difference under illuminant A. None where no spectra were measured, or none that make colours.
     """
 
     patches: int
@@ -117,6 +121,8 @@ class ProfileReport:
     dark_lab: tuple[float, float, float]
     size_bytes: int
     warnings: tuple[str, ...]
+    spectral_rms: float | None = None
+    spectral_delta_e_a: float | None = None
 
 
 @dataclass(frozen=True)
@@ -133,12 +139,15 @@ class FittedPress:
         Patches left out as outliers.
     warnings
         What is to be said about the chart.
+    outliers
+        (P,) bool, which measured patches were left out; None where that is not known any more.
     """
 
     model: PressModel
     black: int | None
     left_out: int
     warnings: tuple[str, ...]
+    outliers: NDArray[np.bool_] | None = field(default=None, repr=False, compare=False)
 
 
 def fit_press(measurements: Measurements, name: str) -> FittedPress:
@@ -165,7 +174,26 @@ def fit_press(measurements: Measurements, name: str) -> FittedPress:
         raise ProfileError(f"{name}: {error}: print and measure a larger chart", path=name) from error
     solids = relative_lab(model.lab(np.eye(inks)), model.white_lab)
     black = black_channel(measurements.ink_names, solids)
-    return FittedPress(model, black, int(found.outliers.sum()), found.warnings)
+    return FittedPress(model, black, int(found.outliers.sum()), found.warnings, found.outliers)
+
+
+def fit_spectra(measurements: Measurements, press: FittedPress, name: str) -> SpectralModel | None:
+    """Spectral model of the patches that the press model was fitted to; None where no spectra were measured.
+
+    Raises
+    ------
+    ProfileError
+        If the patches are too few.
+    """
+    if measurements.reflectance is None or measurements.wavelengths_nm is None:
+        return None
+    kept = np.ones(len(measurements.ink_frac), dtype=bool) if press.outliers is None else ~press.outliers
+    try:
+        return fit_spectral_model(
+            measurements.ink_frac[kept], measurements.reflectance[kept], measurements.wavelengths_nm
+        )
+    except ValueError as error:
+        raise ProfileError(f"{name}: {error}: print and measure a larger chart", path=name) from error
 
 
 def ink_limit(measurements: Measurements, name: str, wanted_percent: float | None) -> float:
@@ -273,6 +301,8 @@ def make_profile(
     bars.stage(_FITTING, 0.0)
     press = fit_press(measurements, name)
     model = press.model
+    bars.stage(_FITTING, 0.9)
+    spectra = fit_spectra(measurements, press, name)
     bars.stage(_FITTING, 1.0)
     for warning in press.warnings:
         bars.note(warning)
@@ -331,6 +361,8 @@ def make_profile(
         dark_lab=triple(separator.dark_lab),
         size_bytes=len(data),
         warnings=press.warnings,
+        spectral_rms=None if spectra is None else spectra.errors.rms,
+        spectral_delta_e_a=None if spectra is None else spectra.errors.delta_e_a_mean,
     )
 
 

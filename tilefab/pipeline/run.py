@@ -23,8 +23,8 @@ from tilefab.pipeline.faces import (
     print_tags,
     render_planned,
 )
-from tilefab.pipeline.maps import MAPS_FOLDER, JobMaps, check_owner, job_maps, proof_map
-from tilefab.pipeline.plan import Plan
+from tilefab.pipeline.maps import JobMaps, check_owner, job_maps, proof_map
+from tilefab.pipeline.plan import MAPS_FOLDER, Plan
 from tilefab.pipeline.progress import Progress
 from tilefab.sampling import TextureMap
 from tilefab.types import Array

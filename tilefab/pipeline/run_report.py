@@ -216,7 +216,22 @@ def _job_facts(plan: Plan, records: list[FaceRecord]) -> tuple[tuple[str, str], 
         ("Seed", str(plan.seed)),
         ("Press", plan.press_profile.description),
         ("Inks", ", ".join(plan.ink_names)),
+        *_table_facts(plan),
     )
+
+
+def _table_facts(plan: Plan) -> tuple[tuple[str, str], ...]:
+    """How the press's tables were made for this job, if they were."""
+    colour = plan.job.colour
+    if not colour.rebuilds_tables:
+        return ()
+    style = "least ink" if colour.separation == "least_ink" else "standard"
+    prices = ", ".join(f"{ink} {price:g}" for ink, price in (colour.ink_prices or {}).items())
+    room = "; gamut fitted to this stone" if colour.gamut == "image" else ""
+    facts = [("Separation", style + (f", prices {prices}" if prices else "") + room)]
+    if plan.drift is not None:
+        facts.append(("Drift", f"{Path(colour.drift or '').name}, {plan.drift.patches} patches"))
+    return tuple(facts)
 
 
 def _wall_shape(plan: Plan, records: list[FaceRecord]) -> tuple[int, int, int, str]:
