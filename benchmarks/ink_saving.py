@@ -51,6 +51,7 @@ class Picture:
     """A picture's colours, each once, and how often."""
 
     def __init__(self, path: Path) -> None:
+        self.path = path
         with Image.open(path) as image:
             pixels = np.asarray(image.convert("RGB")).reshape(-1, 3)
         self.srgb, self.which = np.unique(pixels, axis=0, return_inverse=True)
@@ -125,10 +126,11 @@ def report_smoothness(figures: Figures, maker: str, link: Path, lines: NDArray[n
     )
 
 
-def make_link(maker: str, profile: Path, link: Path, quality: str) -> float:
-    """A link from a profile to itself; CPU seconds."""
+def make_link(maker: str, profile: Path, link: Path, quality: str, picture: Path | None) -> float:
+    """A link from a profile to itself, tilefab's for a picture if one is given; CPU seconds."""
     if maker == "tilefab":
-        return tilefab("profile", "link", "--from", profile, "--to", profile, "-o", link)
+        for_picture = () if picture is None else ("--image", picture)
+        return tilefab("profile", "link", "--from", profile, "--to", profile, *for_picture, "-o", link)
     if argyll_missing():
         raise NotBuiltError(argyll_missing())
     return run(["collink", f"-q{quality}", "-G", "-ir", "-kx", f"-l{LIMIT:g}", profile, profile, link])
@@ -161,16 +163,22 @@ def main() -> None:
             except NotBuiltError as error:
                 figures.note(owner, f"not measured: {error}")
                 continue
-            for maker in makers:
+            # A link of tilefab's is made for a slab; without one, for the whole gamut.
+            tasks: list[tuple[str, str, dict[str, Picture]]] = [
+                ("tilefab", name, {name: pictures[name]}) for name in pictures
+            ]
+            tasks += [("tilefab", "", pictures), (makers[1], "", pictures)]
+            for maker, name, shown in tasks:
                 link = folder / "link.icc"
+                title = f"{maker} for any picture" if maker == "tilefab" and not name else maker
                 try:
-                    seconds = make_link(maker, profile, link, quality)
+                    seconds = make_link(maker, profile, link, quality, pictures[name].path if name else None)
                 except NotBuiltError as error:
-                    figures.note(maker, f"not measured: {error}")
+                    figures.note(title, f"not measured: {error}")
                     continue
-                report_saving(figures, maker, profile, link, pictures, press, maker == "tilefab")
-                report_smoothness(figures, maker, link, lines)
-                figures.note(f"{maker}, making the link", f"{seconds:.1f} CPU s")
+                report_saving(figures, title, profile, link, shown, press, bool(name))
+                report_smoothness(figures, title, link, lines)
+                figures.note(f"{title}, making the link", f"{seconds:.1f} CPU s")
     figures.end()
 
 

@@ -89,8 +89,8 @@ class SeparationSettings:
     black_start: float = 0.4
     black_most: float = 0.95
     black_chroma: float = 18.0
-    grain_start: float = 0.08
-    grain_end: float = 0.35
+    grain_start: float = 0.15
+    grain_end: float = 0.5
     hue_weight: float = 2.0
 
 

@@ -130,15 +130,17 @@ def spectral_weights(wavelengths_nm: ArrayLike, illuminant: Illuminant = "D50") 
     return np.asarray(weights * (np.array(WHITE_XYZ_D50) / weights.sum(axis=0)), dtype=np.float64)
 
 
-def xyz_from_reflectance(reflectance: ArrayLike, wavelengths_nm: ArrayLike) -> Float64Array:
-    """Tristimulus values under D50, 2 degree observer, of reflectance spectra.
+def xyz_from_reflectance(
+    reflectance: ArrayLike, wavelengths_nm: ArrayLike, illuminant: Illuminant = "D50"
+) -> Float64Array:
+    """Tristimulus values, 2 degree observer, of reflectance spectra.
 
     Parameters
     ----------
     reflectance
         (..., B), 1 = perfect reflector.
-    wavelengths_nm
-        (B,), see `spectral_weights`.
+    wavelengths_nm, illuminant
+        See `spectral_weights`.
 
     Returns
     -------
@@ -151,7 +153,7 @@ def xyz_from_reflectance(reflectance: ArrayLike, wavelengths_nm: ArrayLike) -> F
         If shapes disagree or the bands are not as asked for.
     """
     values = np.asarray(reflectance, dtype=np.float64)
-    weights = spectral_weights(wavelengths_nm)
+    weights = spectral_weights(wavelengths_nm, illuminant)
     if values.ndim == 0 or values.shape[-1] != len(weights):
         raise ValueError(
             f"reflectance must have {len(weights)} bands on its last axis, but its shape is {values.shape}"

@@ -42,9 +42,7 @@ def chart(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_build_writes_a_profile_and_reports_as_json(chart: Path, tmp_path: Path) -> None:
     out = tmp_path / "press.icc"
     options = ["--ink-limit", "240", "--version", "4", "--separation", "least-ink", "--price", "Blue=2.5"]
-    result = CliRunner().invoke(
-        app, ["build", str(chart), "-o", str(out), *options, "--ink-max", "black=80", "--json"]
-    )
+    result = CliRunner().invoke(app, ["build", str(chart), "-o", str(out), *options, "--ink-max", "black=80", "--json"])
     assert result.exit_code == 0, result.output
     report = json.loads(result.stdout)
     assert report["patches"] > 200

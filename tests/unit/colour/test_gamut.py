@@ -27,7 +27,9 @@ def colours(count: int, most_chroma: float, seed: int, lightness: tuple[float, f
     """Lab of random Oklab colours."""
     draw = np.random.default_rng(seed)
     hue, chroma = draw.uniform(0.0, 2.0 * np.pi, count), most_chroma * np.sqrt(draw.random(count))
-    return lab_from_oklab(np.column_stack([draw.uniform(*lightness, count), chroma * np.cos(hue), chroma * np.sin(hue)]))
+    return lab_from_oklab(
+        np.column_stack([draw.uniform(*lightness, count), chroma * np.cos(hue), chroma * np.sin(hue)])
+    )
 
 
 def parts(lab: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

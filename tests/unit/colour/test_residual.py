@@ -14,7 +14,12 @@ def made_up(inks: int, seed: int) -> Covariance:
 
 
 def residual(
-    covariance: Covariance, recipe: np.ndarray, centres: np.ndarray, strengths: np.ndarray, lab: np.ndarray, slope: np.ndarray
+    covariance: Covariance,
+    recipe: np.ndarray,
+    centres: np.ndarray,
+    strengths: np.ndarray,
+    lab: np.ndarray,
+    slope: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     lab, slope = lab.copy(), slope.copy()
     inks, patches = centres.T.shape
@@ -105,7 +110,9 @@ def test_evidence_is_the_improbability_of_the_measurements() -> None:
     grown = covariance.grown(evidence.lightness)
     wanted = 0.0
     for k in range(3):
-        total = covariance.size[k] ** 2 * covariance.alike(evidence.ink_frac, evidence.ink_frac) * np.outer(grown, grown)
+        total = (
+            covariance.size[k] ** 2 * covariance.alike(evidence.ink_frac, evidence.ink_frac) * np.outer(grown, grown)
+        )
         total += covariance.trust**2 * evidence.leans[k] @ evidence.leans[k].T
         total += np.diag(covariance.scatter(evidence.counts))
         misses = evidence.misses[:, k]

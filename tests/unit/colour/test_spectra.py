@@ -82,3 +82,27 @@ def test_bands_that_make_no_colour(bands: list[float]) -> None:
 def test_shapes_must_agree() -> None:
     with pytest.raises(ValueError):
         xyz_from_reflectance(np.ones((2, 30)), np.arange(400.0, 701.0, 10.0))
+
+
+def test_illuminant_a_is_the_published_one() -> None:
+    """CIE 15:2004, table T.1, relative to D50 in the same table; columns are scaled, so only ratios are seen."""
+    nm = np.arange(380.0, 781.0, 5.0)
+    ratio = spectral_weights(nm, "A")[:, 1] / spectral_weights(nm, "D50")[:, 1]
+    published = {400.0: (14.7080, 49.308), 450.0: (33.0859, 87.247), 600.0: (129.043, 97.688), 700.0: (198.261, 91.604)}
+    at_560 = ratio[nm == 560.0][0]
+    for wavelength, (lamp, daylight) in published.items():
+        assert ratio[nm == wavelength][0] / at_560 == pytest.approx(lamp / daylight, rel=2e-5)
+
+
+def test_a_lamp_shows_what_daylight_hides() -> None:
+    """A grey is neutral under both; a spectrum that makes the same colour under D50 is another under A."""
+    nm = np.arange(380.0, 731.0, 10.0)
+    weights = spectral_weights(nm)
+    np.testing.assert_allclose(xyz_from_reflectance(np.full(36, 0.4), nm, "A"), 0.4 * weights.sum(axis=0), rtol=1e-12)
+    wave = np.cos(np.linspace(0.0, 25.0, 36))
+    hidden = wave - weights @ np.linalg.solve(weights.T @ weights, weights.T @ wave)
+    grey = np.full(36, 0.4)
+    pair = np.stack([grey, grey + 0.2 * hidden])
+    day, lamp = (lab_from_xyz(xyz_from_reflectance(pair, nm, light)) for light in ("D50", "A"))
+    assert delta_e_2000(day[0], day[1]) < 1e-6
+    assert delta_e_2000(lamp[0], lamp[1]) > 0.5
