@@ -15,6 +15,7 @@ from tilefab.colour.spaces import delta_e_2000, relative_lab
 Float64Array = NDArray[np.float64]
 
 _OUTLIER_DELTA_E, _OUTLIER_TIMES = 3.0, 6.0
+_AS_BAD = 0.5
 _HOPELESS_SHARE, _HOPELESS_MEAN = 0.1, 3.5
 _REPEAT_DELTA_E = 2.5
 _DISAGREEING_SHARE = 0.25
@@ -48,7 +49,7 @@ class ChartFindings:
     warnings
         What whoever measured it should know.
     outliers
-        (P,) True for patches that fit nothing around them and are better left out.
+        (P,) True for patches that fit nothing around them and are better left out; with the worst gone, others may show.
     """
 
     refusal: str | None
@@ -76,7 +77,8 @@ def check_chart(
     """
     error = model.errors.held_out
     typical = float(np.median(error))
-    outliers = error > max(_OUTLIER_DELTA_E, _OUTLIER_TIMES * typical)
+    # A gross outlier drags its neighbours along: only those about as bad are believed to be bad themselves.
+    outliers = (error > max(_OUTLIER_DELTA_E, _OUTLIER_TIMES * typical)) & (error >= _AS_BAD * float(error.max()))
     warnings: list[str] = []
     refusal = _refusal(model, error, ink_frac, lab_d50, ink_names)
     if outliers.any():

@@ -151,14 +151,16 @@ def fit_spectral_model(
         )
     if not (np.isfinite(inks).all() and np.isfinite(spectra).all()):
         raise ValueError("ink_frac and reflectance must be finite")
+    # What is averaged need not be Lab, whatever its name there.
     patches = merge_repeats(inks, np.maximum(spectra, 0.0) ** (1.0 / _POWER))
+    roots = patches.lab
     count, size = patches.recipes.shape
     if count < 4 * (size + 1) or np.linalg.matrix_rank(np.hstack([np.ones((count, 1)), patches.recipes])) < size + 1:
         raise ValueError(f"{count} distinct recipes of {size} inks are too few or too alike to fit a spectral model")
 
-    mean = patches.lab.mean(axis=0)
-    left, spread, shapes = np.linalg.svd(patches.lab - mean, full_matrices=False)
-    found = spread[:_MOST_COMPONENTS] > _LEAST_SHARE * np.linalg.norm(patches.lab)
+    mean = roots.mean(axis=0)
+    left, spread, shapes = np.linalg.svd(roots - mean, full_matrices=False)
+    found = spread[:_MOST_COMPONENTS] > _LEAST_SHARE * np.linalg.norm(roots)
     scores = left[:, :_MOST_COMPONENTS][:, found] * np.sqrt(count)
     components = (spread[:, np.newaxis] * shapes)[:_MOST_COMPONENTS][found] / np.sqrt(count)
 

@@ -65,7 +65,8 @@ def load_press_model(path: Path, key: str) -> tuple[PressModel, dict[str, Any]] 
     with suppress(OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, RecursionError):
         if path.stat().st_size > _MOST_BYTES:
             return None
-        with np.load(path, allow_pickle=False) as file:
+        # From memory: where the file is no archive, NumPy leaves it open.
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
             head = json.loads(file["head"].tobytes())
             if head["version"] != _VERSION or head["key"] != key:
                 return None

@@ -33,6 +33,7 @@ DEFAULT_LIMIT_PERCENT = 280.0
 MOST_INKS = 8
 _CHECKED_RECIPES = 4000
 _LEAST_LIMIT_PERCENT = 100.0
+_OUTLIER_ROUNDS = 4
 _FITTING, _TABULATING = "Fitting the press", "Inks to colours"
 _SEPARATING, _CHECKING = "Colours to inks", "Checking the profile"
 _COPYRIGHT = "No copyright, use freely"
@@ -163,18 +164,25 @@ def fit_press(measurements: Measurements, name: str) -> FittedPress:
         raise ProfileError(f"{name}: has {inks} inks, but profiles are built for 1 to {MOST_INKS}", path=name)
     recipes, lab = measurements.ink_frac, measurements.lab_d50
     ids = measurements.sample_ids or tuple(str(row + 1) for row in range(len(recipes)))
+    kept = np.ones(len(recipes), dtype=np.bool_)
+    warnings: dict[str, None] = {}
     try:
         model = fit_press_model(recipes, lab)
-        found = check_chart(model, recipes, lab, measurements.ink_names, ids)
-        if found.refusal is not None:
-            raise ProfileError(f"{name}: {found.refusal}", path=name)
-        if found.outliers.any():
-            model = fit_press_model(recipes[~found.outliers], lab[~found.outliers])
+        for _ in range(_OUTLIER_ROUNDS):
+            rows = np.flatnonzero(kept)
+            found = check_chart(model, recipes[rows], lab[rows], measurements.ink_names, [ids[row] for row in rows])
+            if found.refusal is not None:
+                raise ProfileError(f"{name}: {found.refusal}", path=name)
+            warnings |= dict.fromkeys(found.warnings)
+            if not found.outliers.any():
+                break
+            kept[rows[found.outliers]] = False
+            model = fit_press_model(recipes[kept], lab[kept])
     except ValueError as error:
         raise ProfileError(f"{name}: {error}: print and measure a larger chart", path=name) from error
     solids = relative_lab(model.lab(np.eye(inks)), model.white_lab)
     black = black_channel(measurements.ink_names, solids)
-    return FittedPress(model, black, int(found.outliers.sum()), found.warnings, found.outliers)
+    return FittedPress(model, black, int((~kept).sum()), tuple(warnings), ~kept)
 
 
 def fit_spectra(measurements: Measurements, press: FittedPress, name: str) -> SpectralModel | None:

@@ -83,5 +83,5 @@ def test_what_is_no_state_is_refused(tmp_path: Path, data: bytes) -> None:
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ProfileError, match="none.json: can't be read: No such file"):
+    with pytest.raises(ProfileError, match=r"none\.json: can't be read: No such file"):
         read_drift_file(tmp_path / "none.json")

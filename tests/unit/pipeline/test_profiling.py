@@ -172,7 +172,7 @@ def test_measurements_that_can_t_be_used_leave_no_file(tmp_path: Path) -> None:
     with pytest.raises(ProfileError, match="measure a larger chart"):
         make_profile(few, "few", SMALL)
     nine = Measurements(np.zeros((5, 9)), np.zeros((5, 3)), tuple("abcdefghi"), "nine", "")
-    with pytest.raises(ProfileError, match="makes no sense|9 inks"):
+    with pytest.raises(ProfileError, match=r"makes no sense|9 inks"):
         make_profile(nine, "nine", SMALL)
     with pytest.raises(ProfileError):
         build_profile(tmp_path / "absent.ti3", tmp_path / "out.icc", SMALL)
