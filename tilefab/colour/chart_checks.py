@@ -49,7 +49,7 @@ class ChartFindings:
     warnings
         What whoever measured it should know.
     outliers
-        (P,) True for patches that fit nothing around them and are better left out; with the worst gone, others may show.
+        (P,) True for patches that fit nothing around them and are better left out; without them, others may show.
     """
 
     refusal: str | None
@@ -77,18 +77,20 @@ def check_chart(
     """
     error = model.errors.held_out
     typical = float(np.median(error))
+    suspect = error > max(_OUTLIER_DELTA_E, _OUTLIER_TIMES * typical)
     # A gross outlier drags its neighbours along: only those about as bad are believed to be bad themselves.
-    outliers = (error > max(_OUTLIER_DELTA_E, _OUTLIER_TIMES * typical)) & (error >= _AS_BAD * float(error.max()))
+    outliers = suspect & (error >= _AS_BAD * float(error.max()))
     warnings: list[str] = []
     refusal = _refusal(model, error, ink_frac, lab_d50, ink_names)
     if outliers.any():
-        swapped = _swapped(model, ink_frac, lab_d50, outliers)
+        swapped = _swapped(model, lab_d50, suspect)
         for first, second in swapped[:_NAMED]:
             warnings.append(
                 f"patches {sample_ids[first]} and {sample_ids[second]} seem to be swapped: each has the other's "
                 "colour; both are left out"
             )
         known = {patch for pair in swapped for patch in pair}
+        outliers[list(known)] = True
         worst = [patch for patch in np.argsort(-error) if outliers[patch] and patch not in known]
         if worst:
             named = ", ".join(f"{sample_ids[patch]} (ΔE {error[patch]:.1f})" for patch in worst[:_NAMED])
@@ -135,13 +137,10 @@ def _refusal(
     return None
 
 
-def _swapped(
-    model: PressModel, ink_frac: Float64Array, lab_d50: Float64Array, outliers: NDArray[np.bool_]
-) -> list[tuple[int, int]]:
-    """Pairs of outliers whose colours fit far better the other way round."""
-    rows = np.flatnonzero(outliers)[:200]
-    expected = model.lab(ink_frac[rows])
-    # An outlier pulls the model towards itself: the colours expected are compared with some slack.
+def _swapped(model: PressModel, lab_d50: Float64Array, suspect: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Pairs of suspect patches whose colours fit far better the other way round."""
+    rows = np.flatnonzero(suspect)[:200]
+    expected = model.errors.held_out_lab[rows]
     distance = np.asarray(delta_e_2000(lab_d50[rows][:, np.newaxis], expected[np.newaxis]))
     own = np.diag(distance)
     pairs: list[tuple[int, int]] = []

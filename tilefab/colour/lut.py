@@ -212,7 +212,9 @@ def backward_axes(grid: int, reach: NDArray[np.floating] | None = None) -> Backw
     outer = 0.0 if reach is None or grid <= 4 * _OUTER_NODES else _OUTER_NODES / (grid - 1.0)
     low = float(np.clip(ends[0, 0] - _MARGIN_LAB, 0.0, 90.0))
     share = outer * min(low / 10.0, 1.0) if low > 0.0 else 0.0
-    rows = [np.interp(lightness, [0.0, max(low, 1e-9), 100.0], [0.0, share, 1.0])]
+    # White is reached on an entry of the curve, so that a reader of either version finds it on the top node.
+    white = lightness[lightness <= 100.0 + 1e-9][-1]
+    rows = [np.interp(lightness, [0.0, max(low, 1e-9), white], [0.0, share, 1.0])]
     for axis in (1, 2):
         values = code / 256.0 - 128.0
         below = min(float(ends[0, axis]) - _MARGIN_LAB, -1.5 * _MARGIN_LAB)

@@ -162,6 +162,8 @@ class ModelErrors:
         The same from recipes that were measured more than once; None without any.
     held_out
         (P,) difference of each patch, in the order of the measurements.
+    held_out_lab
+        (P, 3) what the model says of each patch without it.
     """
 
     fit_mean: float
@@ -172,6 +174,7 @@ class ModelErrors:
     noise: float
     repeat_noise: float | None
     held_out: Float64Array = field(repr=False)
+    held_out_lab: Float64Array = field(repr=False)
 
 
 @dataclass(frozen=True)
@@ -405,7 +408,8 @@ def _assembled(
     model_lab = np.empty((len(inks), 3))
     press_rows(inks, arrays, model_lab, np.empty((len(inks), 3, size)))
     residual = delta_e_2000(model_lab, colours)
-    unseen = delta_e_2000((patches.lab - left_out)[patches.rows], colours)
+    unseen_lab = (patches.lab - left_out)[patches.rows]
+    unseen = delta_e_2000(unseen_lab, colours)
     steps = [delta_e_2000(patches.lab + spread[:, [k]] * np.eye(3)[k], patches.lab) for k in range(3)]
     expected = np.sqrt(np.square(steps).sum(axis=0))
     repeats = colours - patches.lab[patches.rows]
@@ -419,5 +423,6 @@ def _assembled(
         noise=covariance.noise,
         repeat_noise=float(np.sqrt((repeats**2).sum() / (3 * degrees))) if degrees else None,
         held_out=np.asarray(unseen),
+        held_out_lab=unseen_lab,
     )
     return PressModel(arrays, float(inks.sum(axis=1).max()), errors)

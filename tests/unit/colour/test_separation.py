@@ -180,7 +180,7 @@ def test_following_stays_near(model: PressModel, wanted: np.ndarray) -> None:
     assert np.abs(found - near).max() < 0.03
     assert delta_e_2000(model.lab(found), wanted).mean() < 0.05
     # From a recipe of a colour nearby, to one nearby.
-    moved = separator.follow(wanted + [0.5, 0.0, 0.0], near)
+    moved = separator.follow(wanted + np.array([0.5, 0.0, 0.0]), near)
     assert np.percentile(np.abs(moved - near), 99) < 0.1
 
 
