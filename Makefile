@@ -21,8 +21,9 @@ demo: install
 	$(BIN)/tilefab run jobs/demo.toml
 	@echo "Look at out/demo/report.pdf, out/demo/proofs and out/demo/faces."
 
+# One thread of linear algebra for each of the two workers: more would only wait for each other.
 test: install
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadgroup
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses 2 --dist loadgroup
 
 # Everything that reads the code without running it.
 check: install

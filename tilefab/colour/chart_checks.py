@@ -16,6 +16,7 @@ Float64Array = NDArray[np.float64]
 
 _OUTLIER_DELTA_E, _OUTLIER_TIMES = 3.0, 6.0
 _AS_BAD = 0.5
+_SURPRISE = 4.0
 _HOPELESS_SHARE, _HOPELESS_MEAN = 0.1, 3.5
 _REPEAT_DELTA_E = 2.5
 _DISAGREEING_SHARE = 0.25
@@ -77,7 +78,8 @@ def check_chart(
     """
     error = model.errors.held_out
     typical = float(np.median(error))
-    suspect = error > max(_OUTLIER_DELTA_E, _OUTLIER_TIMES * typical)
+    # A patch far from all others, such as the only bare one, may be missed by much without being wrong.
+    suspect = (error > max(_OUTLIER_DELTA_E, _OUTLIER_TIMES * typical)) & (model.errors.surprise > _SURPRISE)
     # A gross outlier drags its neighbours along: only those about as bad are believed to be bad themselves.
     outliers = suspect & (error >= _AS_BAD * float(error.max()))
     warnings: list[str] = []

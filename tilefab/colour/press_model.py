@@ -164,6 +164,8 @@ class ModelErrors:
         (P,) difference of each patch, in the order of the measurements.
     held_out_lab
         (P, 3) what the model says of each patch without it.
+    surprise
+        (P,) how far each patch lies from that, in units of how sure the model is of it.
     """
 
     fit_mean: float
@@ -175,6 +177,7 @@ class ModelErrors:
     repeat_noise: float | None
     held_out: Float64Array = field(repr=False)
     held_out_lab: Float64Array = field(repr=False)
+    surprise: Float64Array = field(repr=False)
 
 
 @dataclass(frozen=True)
@@ -384,6 +387,7 @@ def _assembled(
     strengths = np.empty((3, count))
     left_out = np.empty((count, 3))
     spread = np.empty((count, 3))
+    surprise = np.empty((count, 3))
     whole = float(np.prod(1.0 + covariance.weight))
     for k in range(3):
         smooth = covariance.size[k] ** 2 * alike + np.diag(scatter)
@@ -392,6 +396,7 @@ def _assembled(
         total = smooth + covariance.trust**2 * (slopes[k] @ slopes[k].T)
         inverse = cho_solve((cholesky(total, lower=True), True), np.eye(count))
         left_out[:, k] = (inverse @ free[:, k]) / np.diag(inverse)
+        surprise[:, k] = left_out[:, k] * np.sqrt(np.diag(inverse))
         spread[:, k] = np.sqrt(np.maximum(1.0 / np.diag(inverse) - scatter, 0.0))
     arrays = PressArrays(
         physics.model.curves,
@@ -424,5 +429,6 @@ def _assembled(
         repeat_noise=float(np.sqrt((repeats**2).sum() / (3 * degrees))) if degrees else None,
         held_out=np.asarray(unseen),
         held_out_lab=unseen_lab,
+        surprise=np.sqrt((surprise**2).mean(axis=1))[patches.rows],
     )
     return PressModel(arrays, float(inks.sum(axis=1).max()), errors)

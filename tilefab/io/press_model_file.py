@@ -19,7 +19,7 @@ SUFFIX = ".tfpress"
 _VERSION = 1
 _NUMBERS = ("factor", "growth")
 _ARRAYS = tuple(name for name in PressArrays._fields if name not in _NUMBERS)
-_ERRORS = tuple(one.name for one in fields(ModelErrors) if one.name != "held_out")
+_OF_ERRORS = "errors_"
 _MOST_BYTES = 64 << 20
 
 
@@ -42,16 +42,19 @@ def save_press_model(path: Path, model: PressModel, key: str, notes: dict[str, A
     OutputError
         If it can't be written.
     """
+    errors = {one.name: getattr(model.errors, one.name) for one in fields(ModelErrors)}
+    long = {name: value for name, value in errors.items() if isinstance(value, np.ndarray)}
     head = {
         "version": _VERSION,
         "key": key,
         "notes": notes,
         "max_total": model.max_total,
         "numbers": {name: float(getattr(model.arrays, name)) for name in _NUMBERS},
-        "errors": {name: getattr(model.errors, name) for name in _ERRORS},
+        "errors": {name: value for name, value in errors.items() if name not in long},
     }
     arrays = {name: np.asarray(getattr(model.arrays, name)) for name in _ARRAYS}
-    arrays |= {"head": np.frombuffer(json.dumps(head).encode(), dtype=np.uint8), "held_out": model.errors.held_out}
+    arrays |= {_OF_ERRORS + name: value for name, value in long.items()}
+    arrays["head"] = np.frombuffer(json.dumps(head).encode(), dtype=np.uint8)
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w") as archive:
         for name, array in arrays.items():
@@ -71,10 +74,10 @@ def load_press_model(path: Path, key: str) -> tuple[PressModel, dict[str, Any]] 
             if head["version"] != _VERSION or head["key"] != key:
                 return None
             found = {name: np.ascontiguousarray(file[name], dtype=np.float64) for name in _ARRAYS}
-            held_out = np.asarray(file["held_out"], dtype=np.float64)
+            long = {name.removeprefix(_OF_ERRORS): file[name] for name in file.files if name.startswith(_OF_ERRORS)}
         parts: dict[str, Any] = {**found, **{name: float(head["numbers"][name]) for name in _NUMBERS}}
         arrays = PressArrays(**parts)
-        errors = ModelErrors(**head["errors"], held_out=held_out)
+        errors = ModelErrors(**head["errors"], **long)
         if _fit_together(arrays):
             return PressModel(arrays, float(head["max_total"]), errors), dict(head["notes"])
     return None
