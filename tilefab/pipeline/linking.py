@@ -24,7 +24,6 @@ from tilefab.colour.stages import Curves
 from tilefab.colour.transform import scan_to_xyz
 from tilefab.errors import ProfileError
 from tilefab.io.atomic import atomic_write_bytes
-from tilefab.io.cgats import parse_measurements
 from tilefab.io.icc import (
     IccProfile,
     encode_device_link,
@@ -34,7 +33,8 @@ from tilefab.io.icc import (
 )
 from tilefab.io.icc_tables import device_to_pcs, pcs_to_device
 from tilefab.io.scans import read_scan
-from tilefab.pipeline.profiling import FORWARD_GRIDS, FittedPress, by_ink, fit_press
+from tilefab.pipeline.carried import carried_press
+from tilefab.pipeline.profiling import FORWARD_GRIDS, FittedPress, by_ink
 from tilefab.pipeline.progress import Progress, Silent
 
 DEFAULT_TOLERANCE = 0.5
@@ -124,9 +124,7 @@ def press_of(profile: IccProfile) -> FittedPress:
     require_press_profile(profile)
     text = measurement_text(profile)
     if text is not None and "BEGIN_DATA" in text:
-        measurements = parse_measurements(text, f"{profile.path} (its measurements)")
-        if measurements.ink_frac.shape[1] == profile.channels:
-            return fit_press(measurements, profile.path)
+        return carried_press(profile)[0]
     recipes = rng.generator(0, "recipes that stand for a profile").random((_SAMPLED_RECIPES, profile.channels))
     recipes[::2] **= 2.0
     recipes[0] = 0.0
