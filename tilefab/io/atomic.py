@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -35,6 +35,18 @@ def output_error(action: str, path: Path, error: OSError) -> OutputError:
     else:
         advice = _ADVICE.get(error.errno or 0, error.strerror or str(error))
     return OutputError(f"{path}: can't {action}: {advice}", path=str(path))
+
+
+def refuse_overwriting(output: Path, read: Iterable[Path | None]) -> None:
+    """Make sure that a result doesn't take the place of a file that it is made from.
+
+    Raises
+    ------
+    OutputError
+        If ``output`` is one of the files in ``read``.
+    """
+    if any(path is not None and path.resolve() == output.resolve() for path in read):
+        raise OutputError(f"{output}: is one of the files to read: choose another name", path=str(output))
 
 
 def make_folder(path: Path) -> None:

@@ -20,6 +20,7 @@ from tilefab.colour.press_counts import InkUse, limit_counts
 from tilefab.colour.spaces import XYZ_D50_FROM_RGB_LIN, rgb_lin_from_srgb
 from tilefab.colour.stages import ColourTable, Float64Array
 from tilefab.errors import ImageError, OutputError, ProfileError
+from tilefab.io.atomic import refuse_overwriting
 from tilefab.io.faces import PrintTags, write_print_tiff
 from tilefab.io.icc import IccProfile, channels_of, read_icc_profile
 from tilefab.io.icc_tables import link_table
@@ -327,8 +328,7 @@ def _check_output(output: Path, read: tuple[Path | None, ...]) -> None:
             f"{output}: unknown format {output.suffix or '(no ending)'}; print data is a TIFF: end the name in .tif",
             path=str(output),
         )
-    if any(path is not None and path.resolve() == output.resolve() for path in read):
-        raise OutputError(f"{output}: is a file that this reads; write to another", path=str(output))
+    refuse_overwriting(output, read)
 
 
 def _dtype(pixels: Array, settings: ApplySettings) -> np.dtype[Any]:

@@ -10,8 +10,8 @@ import numpy as np
 from scipy import stats
 
 from tilefab.chart.repeats import RepeatCheck, check_repeats
-from tilefab.errors import OutputError, ProfileError
-from tilefab.io.atomic import atomic_write_bytes
+from tilefab.errors import ProfileError
+from tilefab.io.atomic import atomic_write_bytes, refuse_overwriting
 from tilefab.io.cgats_write import measurements_text
 from tilefab.io.chart_list import ChartList, read_chart_list
 from tilefab.pipeline.chart_colours import ChartColours, PatchNote, ScanNote, patch_note
@@ -103,8 +103,7 @@ def read_chart(
     chart = read_chart_list(chart_file)
     if not sources:
         raise ProfileError(f"{chart_file}: no scan or measurement to read is named", path=str(chart_file))
-    if output.resolve() in [path.resolve() for path in (chart_file, *sources)]:
-        raise OutputError(f"{output}: is one of the files to read: choose another name", path=str(output))
+    refuse_overwriting(output, (chart_file, *sources))
     texts = [_is_text(source) for source in sources]
     if any(texts) != all(texts):
         raise ProfileError(

@@ -23,7 +23,7 @@ from tilefab.colour.spaces import absolute_lab, delta_e_2000, lab_from_xyz, rela
 from tilefab.colour.stages import Curves
 from tilefab.colour.transform import scan_to_xyz
 from tilefab.errors import ProfileError
-from tilefab.io.atomic import atomic_write_bytes
+from tilefab.io.atomic import atomic_write_bytes, refuse_overwriting
 from tilefab.io.icc import (
     IccProfile,
     encode_device_link,
@@ -299,6 +299,7 @@ def link_profiles(
     OutputError
         If the link can't be written.
     """
+    refuse_overwriting(output, (source_path, target_path, settings.image if settings else None))
     source, target = read_icc_profile(source_path), read_icc_profile(target_path)
     data, report = make_link(source, target, settings, progress=progress)
     atomic_write_bytes(output, data)

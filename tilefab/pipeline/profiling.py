@@ -19,7 +19,7 @@ from tilefab.colour.separation import SeparationSettings, SeparationStyle, Separ
 from tilefab.colour.spaces import delta_e_2000, relative_lab, xyz_from_lab
 from tilefab.colour.spectral_model import SpectralModel, fit_spectral_model
 from tilefab.errors import ProfileError
-from tilefab.io.atomic import atomic_write_bytes
+from tilefab.io.atomic import atomic_write_bytes, refuse_overwriting
 from tilefab.io.cgats import Measurements, read_measurements
 from tilefab.io.icc import encode_output_profile, parse_icc_profile
 from tilefab.io.press_profile import press_transform
@@ -306,6 +306,9 @@ def make_profile(
     chosen = settings or ProfileSettings()
     inks = measurements.ink_frac.shape[1]
     limit = ink_limit(measurements, name, chosen.ink_limit_percent)
+    # Wrong names are told before the work, not after.
+    by_ink(chosen.ink_prices, measurements.ink_names, 1.0, name)
+    by_ink(chosen.ink_limits_percent, measurements.ink_names, 100.0, name)
     bars.stage(_FITTING, 0.0)
     press = fit_press(measurements, name)
     model = press.model
@@ -401,6 +404,7 @@ def build_profile(
     OutputError
         If the profile can't be written.
     """
+    refuse_overwriting(Path(out_path), (Path(measurements_path),))
     measurements = read_measurements(measurements_path)
     data, report = make_profile(measurements, str(measurements_path), settings, progress=progress)
     atomic_write_bytes(Path(out_path), data)

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tilefab.cli.profile import app
-from tilefab.errors import ProfileError
+from tilefab.errors import OutputError, ProfileError
 from tilefab.io.cgats import read_measurements
 from tilefab.io.cgats_write import measurements_text
 from tilefab.io.icc import read_icc_profile
@@ -81,3 +81,11 @@ def test_errors_reach_the_caller(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["build", str(tmp_path / "absent.ti3"), "-o", str(tmp_path / "x.icc")])
     assert isinstance(result.exception, ProfileError)
     assert not (tmp_path / "x.icc").exists()
+
+
+def test_a_result_never_takes_the_place_of_what_it_is_made_from(tmp_path: Path) -> None:
+    chart = tmp_path / "chart.ti3"
+    chart.write_text("CTI3\n")
+    with pytest.raises(OutputError, match="one of the files to read"):
+        profiling.build_profile(chart, tmp_path / "." / "chart.ti3")
+    assert chart.read_text() == "CTI3\n"
