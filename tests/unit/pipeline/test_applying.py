@@ -104,7 +104,7 @@ def test_what_doesn_t_fit_is_explained(tmp_path: Path) -> None:
         apply_link(source, out, SHIPPED, Silent())
     with pytest.raises(ImageError, match="RGB, not inks"):
         apply_link(source, out, link, Silent())
-    with pytest.raises(OutputError, match="write to another"):
+    with pytest.raises(OutputError, match="choose another name"):
         apply_profile(source, source, SHIPPED, Silent())
     with pytest.raises(OutputError, match="unknown format"):
         apply_profile(source, tmp_path / "out.psd", SHIPPED, Silent())
