@@ -17,6 +17,7 @@ Float64Array = NDArray[np.float64]
 _OUTLIER_DELTA_E, _OUTLIER_TIMES = 3.0, 6.0
 _AS_BAD = 0.5
 _SURPRISE = 4.0
+_FLAT_DELTA_E = 1.5
 _HOPELESS_SHARE, _HOPELESS_MEAN = 0.1, 3.5
 _REPEAT_DELTA_E = 2.5
 _DISAGREEING_SHARE = 0.25
@@ -98,8 +99,9 @@ def check_chart(
             named = ", ".join(f"{sample_ids[patch]} (ΔE {error[patch]:.1f})" for patch in worst[:_NAMED])
             more = f" and {len(worst) - _NAMED} more" if len(worst) > _NAMED else ""
             warnings.append(
-                f"{len(worst)} patch{'es fit' if len(worst) > 1 else ' fits'} nothing around them and are left out: "
-                f"{named}{more}: measure them again"
+                f"{len(worst)} patches fit nothing around them and are left out: {named}{more}: measure them again"
+                if len(worst) > 1
+                else f"patch {named} fits nothing around it and is left out: measure it again"
             )
     warnings += _repeats(ink_frac, lab_d50, sample_ids)
     warnings += _stalled(model, ink_frac, ink_names)
@@ -121,6 +123,8 @@ def _refusal(
                 f"recipes that were measured more than once differ by ΔE {2 * float(np.median(apart)):.1f}: the file "
                 "mixes charts of different presses or firings; build from one of them"
             )
+    if float(np.percentile(delta_e_2000(lab_d50, np.median(lab_d50, axis=0)), 90)) < _FLAT_DELTA_E:
+        return "its patches all have about one colour: the inks did not print, or a column was filled with one value"
     black = black_channel(tuple(ink_names))
     if black is not None and model.inks > 1:
         solids = model.lab(np.eye(model.inks))

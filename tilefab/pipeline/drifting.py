@@ -12,6 +12,7 @@ from tilefab.colour.drift import DriftState, drifted, no_drift, update_drift
 from tilefab.colour.press_model import PressModel
 from tilefab.colour.spaces import delta_e_2000
 from tilefab.errors import ProfileError
+from tilefab.io.atomic import refuse_overwriting
 from tilefab.io.cgats import Measurements, read_measurements
 from tilefab.io.drift_file import DriftFile, read_drift_file, write_drift_file
 from tilefab.io.icc import read_icc_profile, require_press_profile
@@ -23,6 +24,9 @@ from tilefab.pipeline.progress import Progress, Silent
 
 FEWEST_PATCHES = 12
 DEFAULT_NOISE_LAB = 0.4
+HOPELESS_DELTA_E = 6.0
+"""Mean difference that is left where data and press don't belong together at all: no state is written."""
+
 NO_DRIFT_DELTA_E = 1.5
 """Mean difference that a fitted state may leave; above it the press has changed otherwise than states can say."""
 
@@ -123,11 +127,13 @@ def learn_drift(
     Raises
     ------
     ProfileError
-        If a file can't be used, or they don't belong together.
+        If a file can't be used, they don't belong together, or no drift can be what the chart shows.
     OutputError
-        If the state can't be written.
+        If the state can't be written, or would take the place of the profile or the chart.
     """
     watch = progress or Silent()
+    # Going on in the same state file is meant; anything else that is read stays.
+    refuse_overwriting(Path(out_path), (Path(profile_path), Path(data_path)))
     profile = require_inks(require_press_profile(read_icc_profile(profile_path)))
     data = _chart(data_path)
     same_inks(data.ink_names, profile, str(data_path))
@@ -147,6 +153,12 @@ def learn_drift(
     first = _errors(model, data)
     known = None if before is None else _errors(drifted(model, start), data)
     last = _errors(now, data)
+    if last[0] > HOPELESS_DELTA_E:
+        raise ProfileError(
+            f"{data_path}: differs by ΔE {last[0]:.1f} in the mean from all that a drift can explain: rows "
+            "or ink columns are mixed up, or it is another press's; check the file, or profile anew",
+            path=str(data_path),
+        )
     warnings = []
     if last[0] > NO_DRIFT_DELTA_E:
         warnings.append(

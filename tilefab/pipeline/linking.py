@@ -34,7 +34,7 @@ from tilefab.io.icc import (
 from tilefab.io.icc_tables import device_to_pcs, pcs_to_device
 from tilefab.io.scans import read_scan
 from tilefab.pipeline.carried import carried_press
-from tilefab.pipeline.profiling import FORWARD_GRIDS, FittedPress, by_ink
+from tilefab.pipeline.profiling import FORWARD_GRIDS, ROUNDING, FittedPress, by_ink
 from tilefab.pipeline.progress import Progress, Silent
 
 DEFAULT_TOLERANCE = 0.5
@@ -131,7 +131,13 @@ def press_of(profile: IccProfile) -> FittedPress:
     corners = np.concatenate([np.eye(profile.channels), recipes])
     white = lab_from_xyz(profile.white_xyz)
     colours = _lab_of_pcs(profile, corners)
-    model = fit_press_model(corners, absolute_lab(colours, white))
+    try:
+        model = fit_press_model(corners, absolute_lab(colours, white))
+    except ValueError as error:
+        raise ProfileError(
+            f"{profile.path}: its table of inks to colours is none of a press ({error}): choose another profile",
+            path=profile.path,
+        ) from error
     solids = relative_lab(model.lab(np.eye(model.inks)), model.white_lab)
     return FittedPress(model, black_channel(profile.ink_names, solids), 0, ())
 
@@ -182,9 +188,11 @@ def make_link(
             path=target.path,
         )
     limit = min(limit, most)
+    # A limit that is asked for holds after rounding to 8 bits; a profile's own tables have that room in them already.
+    reserve = ROUNDING * target.channels if chosen.ink_limit_percent is not None else 0.0
     prices = by_ink(chosen.ink_prices, target.ink_names, 1.0, target.path)
     plain = SeparationSettings(
-        total_limit=limit / 100.0, black_channel=to_press.black, style="least_ink", prices=prices
+        total_limit=limit / 100.0 - reserve, black_channel=to_press.black, style="least_ink", prices=prices
     )
     from_model = from_press.model
 

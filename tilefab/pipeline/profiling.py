@@ -37,7 +37,7 @@ _OUTLIER_ROUNDS = 4
 _FITTING, _TABULATING = "Fitting the press", "Inks to colours"
 _SEPARATING, _CHECKING = "Colours to inks", "Checking the profile"
 _COPYRIGHT = "No copyright, use freely"
-_ROUNDING = 0.5 / 255.0
+ROUNDING = 0.5 / 255.0
 """What rounding to 8 bits may add to an ink: tables stay that far under the limit for each ink."""
 
 
@@ -269,7 +269,7 @@ def separation_settings(
     """
     limits = tuple(min(value, 100.0) / 100.0 for value in by_ink(ink_limits_percent, ink_names, 100.0, name))
     return SeparationSettings(
-        total_limit=limit_percent / 100.0 - _ROUNDING * press.model.inks,
+        total_limit=limit_percent / 100.0 - ROUNDING * press.model.inks,
         ink_limits=limits,
         black_channel=press.black,
         style=style,

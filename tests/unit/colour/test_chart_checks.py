@@ -74,7 +74,7 @@ def test_an_outlier_is_named_and_left_out(chart: tuple[np.ndarray, np.ndarray]) 
     lab[77] += [12.0, -6.0, 5.0]
     found = judged(recipes, lab)
     assert found.refusal is None
-    assert any("1 patch fits nothing" in words and "P77" in words for words in found.warnings)
+    assert any(words.startswith("patch P77 (ΔE") and "fits nothing" in words for words in found.warnings)
     assert np.flatnonzero(found.outliers).tolist() == [77]
 
 
@@ -132,3 +132,9 @@ def test_names_that_don_t_suit_the_colours_are_told(chart: tuple[np.ndarray, np.
     found = judged(*chart, ("Yellow", "Brown", "Blue", "Black"))
     assert found.refusal is None
     assert any("ink Yellow" in words and "nobody calls yellow" in words for words in found.warnings)
+
+
+def test_a_chart_of_one_colour_is_refused(chart: tuple[np.ndarray, np.ndarray]) -> None:
+    found = judged(chart[0], np.full_like(chart[1], 50.0))
+    assert found.refusal is not None
+    assert "one colour" in found.refusal

@@ -79,6 +79,12 @@ def test_the_limit_is_kept_between_nodes(press: IccProfile, saving: tuple[bytes,
     assert float(table(anything).sum(axis=1).max()) <= limit_of(press) / 100.0 + 1e-4
 
 
+def test_a_limit_that_is_asked_for_holds_in_8_bits(press: IccProfile, quick: pytest.MonkeyPatch) -> None:
+    data, _ = make_link(press, press, LinkSettings(ink_limit_percent=200.0, tolerance_delta_e=0.0))
+    out = link_table(parse_icc_profile(data, "link"))(np.random.default_rng(2).random((5000, 4)))
+    assert int(np.rint(255 * out).sum(axis=1).max()) <= 510
+
+
 def test_a_tolerance_saves_more_and_is_kept(
     press: IccProfile, quick: pytest.MonkeyPatch, saving: tuple[bytes, LinkReport]
 ) -> None:

@@ -19,7 +19,7 @@ from tilefab.colour.encoding import decode_lab16
 from tilefab.colour.press_model import PressModel
 from tilefab.colour.spaces import absolute_lab, delta_e_2000
 from tilefab.config import load_job
-from tilefab.errors import ConfigError, ProfileError
+from tilefab.errors import ConfigError, OutputError, ProfileError
 from tilefab.io.cgats import read_measurements
 from tilefab.io.cgats_write import measurements_text
 from tilefab.io.drift_file import DriftFile, read_drift_file, write_drift_file
@@ -90,7 +90,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_chart(made / "few.ti3", recipes[:11], PRESS.lab(recipes[:11]))
     write_chart(made / "other.ti3", recipes, PRESS.lab(recipes), ("Cyan", "Brown", "Yellow", "Black"))
     write_chart(made / "three.ti3", recipes[:, :3], PRESS.lab(recipes), NAMES[:3])
-    write_chart(made / "wild.ti3", recipes, PRESS.lab(recipes)[::-1])
+    right = PRESS.lab(recipes)
+    write_chart(made / "wild.ti3", recipes, right[::-1])
+    write_chart(made / "odd.ti3", recipes, 0.85 * right + 0.15 * right[::-1])
     pixels = np.random.default_rng(1).integers(0, 256, (6, 8, 3)).repeat(5, axis=0).repeat(5, axis=1)
     tifffile.imwrite(made / "slab.tif", pixels.astype(np.uint8), photometric="rgb")
     return made
@@ -164,8 +166,22 @@ def test_a_state_is_gone_on_from(folder: Path, learnt: DriftReport) -> None:
 
 
 def test_what_no_drift_explains_is_said(folder: Path) -> None:
-    report = learn_drift(folder / "press.icc", folder / "wild.ti3", folder / "wild.json")
+    report = learn_drift(folder / "press.icc", folder / "odd.ti3", folder / "odd.json")
     assert "profile anew" in report.warnings[0]
+
+
+def test_hopeless_data_make_no_state(folder: Path) -> None:
+    with pytest.raises(ProfileError, match="rows or ink columns are mixed up"):
+        learn_drift(folder / "press.icc", folder / "wild.ti3", folder / "wild.json")
+    assert not (folder / "wild.json").exists()
+
+
+@pytest.mark.parametrize("taken", ["press.icc", "hot.ti3"])
+def test_a_state_never_takes_the_place_of_what_it_is_learnt_from(folder: Path, taken: str) -> None:
+    before = (folder / taken).read_bytes()
+    with pytest.raises(OutputError, match="one of the files to read"):
+        learn_drift(folder / "press.icc", folder / "hot.ti3", folder / taken)
+    assert (folder / taken).read_bytes() == before
 
 
 @pytest.mark.parametrize(
