@@ -87,7 +87,13 @@ def check_chart(
     refusal = _refusal(model, error, ink_frac, lab_d50, ink_names)
     if outliers.any():
         swapped = _swapped(model, lab_d50, suspect)
-        for first, second in swapped[:_NAMED]:
+        if len(swapped) > _NAMED:
+            named = ", ".join(f"{sample_ids[first]} and {sample_ids[second]}" for first, second in swapped[:_NAMED])
+            warnings.append(
+                f"{len(swapped)} pairs of patches seem to be swapped ({named} ...): a part of the chart was read in "
+                "another order; all are left out: measure it again"
+            )
+        for first, second in swapped if len(swapped) <= _NAMED else []:
             warnings.append(
                 f"patches {sample_ids[first]} and {sample_ids[second]} seem to be swapped: each has the other's "
                 "colour; both are left out"

@@ -34,6 +34,7 @@ MOST_INKS = 8
 _CHECKED_RECIPES = 4000
 _LEAST_LIMIT_PERCENT = 100.0
 _OUTLIER_ROUNDS = 4
+_ROUGH_DELTA_E = 1.0
 _FITTING, _TABULATING = "Fitting the press", "Inks to colours"
 _SEPARATING, _CHECKING = "Colours to inks", "Checking the profile"
 _COPYRIGHT = "No copyright, use freely"
@@ -180,6 +181,11 @@ def fit_press(measurements: Measurements, name: str) -> FittedPress:
             model = fit_press_model(recipes[kept], lab[kept])
     except ValueError as error:
         raise ProfileError(f"{name}: {error}: print and measure a larger chart", path=name) from error
+    if model.errors.expected_mean > _ROUGH_DELTA_E:
+        warnings[
+            f"{int(kept.sum())} patches of {inks} inks leave the press uncertain by about ΔE "
+            f"{model.errors.expected_mean:.1f}: print a larger chart"
+        ] = None
     solids = relative_lab(model.lab(np.eye(inks)), model.white_lab)
     black = black_channel(measurements.ink_names, solids)
     return FittedPress(model, black, int((~kept).sum()), tuple(warnings), ~kept)
