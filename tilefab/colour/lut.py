@@ -43,6 +43,7 @@ _PLACES_IN_CELL = np.array(
     [[0.25, 0.25, 0.25], [0.75, 0.75, 0.25], [0.75, 0.25, 0.75], [0.25, 0.75, 0.75], [0.5, 0.5, 0.5]]
 )
 _REACHED_DELTA_E = 0.2
+_SAME_WAY = 0.04
 _STIFF, _NODE_IMPORTANCE = 0.05, 0.5
 _NEAR_DELTA_E = 6.0
 _NEUTRAL_LAB = 0.05
@@ -406,7 +407,9 @@ def _between_nodes(
     cells = cells[error(recipe, colour) < _NEAR_DELTA_E]
     colour, weights, recipe = wanted((cells[:, np.newaxis] + _PLACES_IN_CELL).reshape(-1, 3))
     right = separator.follow(colour, recipe, iterations=5)
-    made = error(right, colour) < _REACHED_DELTA_E
+    # A recipe far from the one between the nodes is another way to the same colour; nodes drawn to both fit neither.
+    same_way = np.abs(right - recipe).max(axis=1) < _SAME_WAY
+    made = (error(right, colour) < _REACHED_DELTA_E) & same_way
     node_colour, node_weights, node_recipe = wanted(grid_points((np.arange(float(nodes)),) * 3))
     on_node = error(node_recipe, node_colour) < _REACHED_DELTA_E
     return fit_nodes(
