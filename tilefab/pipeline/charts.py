@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from tilefab.chart import design_chart, lay_out_chart, render_tile
+from tilefab.colour.inks import black_channel
 from tilefab.io.atomic import atomic_write_bytes
 from tilefab.io.chart_list import chart_text
 from tilefab.io.faces import PrintTags, write_print_tiff
 from tilefab.types import SizeMm
 
-_BLACK_NAMES = ("black", "k", "key", "nero", "negro", "schwarz", "noir", "preto")
 CMYK_NAMES = ("Cyan", "Magenta", "Yellow", "Black")
 
 
@@ -90,12 +89,6 @@ class ChartReport:
     ink_names: tuple[str, ...]
     ink_limit_percent: float
     most_ink_percent: float
-
-
-def black_channel(ink_names: Sequence[str]) -> int | None:
-    """The channel that is called black; None if none is."""
-    names = [name.strip().casefold() for name in ink_names]
-    return next((channel for channel, name in enumerate(names) if name in _BLACK_NAMES), None)
 
 
 def make_chart(stem: Path, settings: ChartSettings, *, created: str) -> ChartReport:

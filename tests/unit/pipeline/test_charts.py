@@ -21,7 +21,7 @@ from tilefab.io.cgats_write import measurements_text
 from tilefab.io.chart_list import read_chart_list
 from tilefab.io.faces import read_print_pixels
 from tilefab.pipeline.chart_reading import ReadingReport, read_chart
-from tilefab.pipeline.charts import ChartReport, ChartSettings, black_channel, make_chart
+from tilefab.pipeline.charts import ChartReport, ChartSettings, make_chart
 from tilefab.types import SizeMm
 
 DAY = "2026-11-24"
@@ -232,11 +232,6 @@ def test_colours_in_another_order_are_warned_about(made: tuple[Path, ChartReport
     read = read_chart(Path(report.list_file), [path], tmp_path / "x.ti3", created=DAY)
     assert any("repeats of a recipe differ" in warning for warning in read.warnings)
     assert any("doesn't make it darker" in warning for warning in read.warnings)
-
-
-def test_black_is_known_by_its_name() -> None:
-    assert black_channel(("Blue", "nero ", "Yellow")) == 1
-    assert black_channel(("Blue", "Brown")) is None
 
 
 @pytest.mark.parametrize(
