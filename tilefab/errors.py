@@ -9,7 +9,13 @@
     ├── SynthesisError   no texture map can be made from what was given
     ├── TextureMapError  a texture-map file is damaged, truncated or of another version
     ├── OutputError      a result can't be written, or would overwrite another
-    └── ReportError      the report can't be drawn
+    ├── ReportError      the report can't be drawn
+    ├── DeviceError      a device of the line didn't do as asked
+    │   ├── DeviceTimeout        it didn't answer in time, or isn't there
+    │   ├── DeviceRefused        it answered that it won't
+    │   ├── DeviceProtocolError  what it answered can't be an answer to what was asked
+    │   └── InterlockError       it, or we, must not do this now
+    └── JournalError     the line's journal can't be read, written or trusted
 
 Every message says what is wrong, where, and what to do. Values that a program may want are attached as fields.
 Kernels raise ``ValueError`` for misuse by a programmer; users never see one. The command line catches
@@ -98,3 +104,55 @@ class ReportError(TilefabError):
     """The report can't be drawn from what the run recorded."""
 
     exit_code = 9
+
+
+class DeviceError(TilefabError):
+    """A device of the line didn't do as asked.
+
+    Parameters
+    ----------
+    message
+        What is wrong, where, and what to do about it, in one line.
+    device
+        Name of the device.
+    """
+
+    exit_code = 10
+
+    def __init__(self, message: str, *, device: str = "") -> None:
+        super().__init__(message)
+        self.device = device
+
+
+class DeviceTimeout(DeviceError):  # noqa: N818 - the field's word
+    """A device didn't answer in time, or there is no connection to it."""
+
+
+class DeviceRefused(DeviceError):  # noqa: N818 - the field's word
+    """A device answered that it won't do as asked.
+
+    Parameters
+    ----------
+    message, device
+        As for `DeviceError`.
+    code
+        The device's own code, if it gave one.
+    """
+
+    def __init__(self, message: str, *, device: str = "", code: int | None = None) -> None:
+        super().__init__(message, device=device)
+        self.code = code
+
+
+class DeviceProtocolError(DeviceError):
+    """What a device answered can't be an answer to what was asked; nothing of it was used."""
+
+
+class InterlockError(DeviceError):
+    """Something must not be done in the state that the line or a device is in."""
+
+
+class JournalError(TilefabError):
+    """The line's journal can't be opened, read, written or trusted."""
+
+    exit_code = 11
