@@ -149,7 +149,19 @@ class DeviceProtocolError(DeviceError):
 
 
 class InterlockError(DeviceError):
-    """Something must not be done in the state that the line or a device is in."""
+    """Something must not be done in the state that the line or a device is in.
+
+    Parameters
+    ----------
+    message, device
+        As for `DeviceError`.
+    code
+        Of the alarm that says more of it.
+    """
+
+    def __init__(self, message: str, *, device: str = "", code: str = "not_ready") -> None:
+        super().__init__(message, device=device)
+        self.code = code
 
 
 class JournalError(TilefabError):

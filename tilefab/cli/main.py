@@ -52,7 +52,8 @@ app = typer.Typer(
     name="tilefab",
     help="Prints stone on ceramic tile: a different, re-creatable face on every tile of a run.",
     epilog="Exit codes: 0 done, 2 wrong usage, 3 job file, 4 image, 5 profile, 6 texture can't be grown, 7 texture-map "
-    "file, 8 output, 9 report, 10 device, 11 journal, 1 refused by the system, 70 a defect of tilefab, 130 interrupted.",
+    "file, 8 output, 9 report, 10 device, 11 journal, 1 refused by the system, "
+    "70 a defect of tilefab, 130 interrupted.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=False,

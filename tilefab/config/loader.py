@@ -1,4 +1,4 @@
-"""Reading a job file: every problem at once, each with its file, its line and what is allowed."""
+"""Reading job and line files: every problem at once, each with its file, its line and what is allowed."""
 
 from __future__ import annotations
 
@@ -8,17 +8,22 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from types import UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
 from tilefab.config.models import Job
 from tilefab.errors import ConfigError, Problem
 
-_SECTION = re.compile(r"^\s*\[\s*([A-Za-z0-9_-]+)\s*\]")
+_BARE = r"[A-Za-z0-9_-]+"
+_QUOTED = r"\"[^\"]*\"|'[^']*'"
+_SECTION = re.compile(rf"^\s*\[\s*({_BARE}(?:\s*\.\s*(?:{_BARE}|{_QUOTED}))*)\s*\]")
+_PART = re.compile(rf"{_BARE}|{_QUOTED}")
 _KEY = re.compile(r"^\s*\"?([A-Za-z0-9_-]+)\"?\s*(?:\.\s*\"?([A-Za-z0-9_-]+)\"?\s*)?=")
 _TOML_PLACE = re.compile(r"\s*\(at line (\d+), column \d+\)")
 _MAX_BYTES = 1 << 20
+_Model = TypeVar("_Model", bound=BaseModel)
 
 
 @dataclass(frozen=True)
@@ -58,6 +63,32 @@ def load_job(path: Path) -> JobFile:
     ConfigError
         If it can't be read or anything in it is wrong; carries all problems, in the order of their lines.
     """
+    job, lines = read_model(path, Job, "job")
+    return JobFile(path, job, lines)
+
+
+def read_model(path: Path, model: type[_Model], kind: str) -> tuple[_Model, Mapping[tuple[str, ...], int]]:
+    """Read and check a TOML file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    model
+        What may stand in it.
+    kind
+        What such a file is called, in messages.
+
+    Returns
+    -------
+    tuple
+        What it says, and the line of each section and key, counted from 1.
+
+    Raises
+    ------
+    ConfigError
+        As for `load_job`.
+    """
     name = str(path)
     try:
         raw = path.read_bytes()
@@ -65,7 +96,7 @@ def load_job(path: Path) -> JobFile:
         reason = "there is no such file" if isinstance(error, FileNotFoundError) else str(error.strerror)
         raise ConfigError([Problem(name, None, "", reason)]) from error
     if len(raw) > _MAX_BYTES:
-        raise ConfigError([Problem(name, None, "", "larger than 1 MiB: not a job file")])
+        raise ConfigError([Problem(name, None, "", f"larger than 1 MiB: not a {kind} file")])
     try:
         # Editors on Windows put a byte order mark before the text.
         text = raw.decode("utf-8-sig")
@@ -81,12 +112,12 @@ def load_job(path: Path) -> JobFile:
     except (ValueError, RecursionError) as error:
         # Numbers of thousands of digits and tables nested thousands deep: valid TOML that Python won't read.
         reason = "nested too deeply" if isinstance(error, RecursionError) else str(error).partition(";")[0]
-        raise ConfigError([Problem(name, None, "", f"not a job file: {reason}")]) from error
+        raise ConfigError([Problem(name, None, "", f"not a {kind} file: {reason}")]) from error
+    lines = _lines(text)
     try:
-        return JobFile(path, Job.model_validate(values), _lines(text))
+        return model.model_validate(values), lines
     except ValidationError as error:
-        lines = _lines(text)
-        problems = [_problem(name, lines, dict(details)) for details in error.errors()]
+        problems = [_Problems(name, lines, model, kind).problem(dict(details)) for details in error.errors()]
         raise ConfigError(sorted(problems, key=lambda p: (p.line or 1 << 30, p.key))) from error
 
 
@@ -96,7 +127,7 @@ def _lines(text: str) -> dict[tuple[str, ...], int]:
     section: tuple[str, ...] = ()
     for number, line in enumerate(text.split("\n"), start=1):
         if match := _SECTION.match(line):
-            section = (match.group(1),)
+            section = tuple(part.strip("\"'") for part in _PART.findall(match.group(1)))
             lines.setdefault(section, number)
         elif match := _KEY.match(line):
             key = (*section, *(part for part in match.groups() if part))
@@ -104,48 +135,94 @@ def _lines(text: str) -> dict[tuple[str, ...], int]:
     return lines
 
 
-def _problem(name: str, lines: dict[tuple[str, ...], int], details: dict[str, Any]) -> Problem:
-    place = tuple(str(part) for part in details["loc"])
-    kind, message = str(details["type"]), str(details["msg"])
-    path = place[:2]
-    if kind == "value_error":
-        # Raised by a section's own check as "key: what is wrong".
-        key, _, rest = message.removeprefix("Value error, ").partition(": ")
-        path, message = (*place[:1], key), rest
-    elif kind == "extra_forbidden":
-        message = _unknown(path)
-    elif kind == "missing":
-        message = "missing: " + _allowed(path)
-    else:
-        shown = repr(details.get("input"))
-        shown = shown if len(shown) <= 60 else shown[:57] + "..."
-        item = f" (item {int(place[2]) + 1})" if len(place) > 2 and place[2].isdigit() else ""
-        message = f"{shown}{item} is not allowed: {message[0].lower()}{message[1:]}. {_allowed(path)}".strip()
-    line = next((lines[path[:n]] for n in range(len(path), 0, -1) if path[:n] in lines), None)
-    return Problem(name, line, ".".join(path), message)
+class _Problems:
+    """Words for what is wrong with a file."""
+
+    def __init__(self, name: str, lines: Mapping[tuple[str, ...], int], model: type[BaseModel], kind: str) -> None:
+        self._name, self._lines, self._model, self._kind = name, lines, model, kind
+
+    def problem(self, details: Mapping[str, Any]) -> Problem:
+        place = tuple(str(part) for part in details["loc"])
+        error, message = str(details["type"]), str(details["msg"])
+        path = self._named(place)
+        if error == "value_error":
+            # Raised by a section's own check as "key: what is wrong".
+            key, _, rest = message.removeprefix("Value error, ").partition(": ")
+            path, message = (*path, *key.split(".")), rest
+        elif error == "extra_forbidden":
+            message = self._unknown(path)
+        elif error == "missing":
+            message = "missing: " + self._allowed(path)
+        else:
+            shown = repr(details.get("input"))
+            shown = shown if len(shown) <= 60 else shown[:57] + "..."
+            rest_of_place = place[len(path) :]
+            item = f" (item {int(rest_of_place[0]) + 1})" if rest_of_place and rest_of_place[0].isdigit() else ""
+            allowed = self._allowed(path)
+            message = f"{shown}{item} is not allowed: {message[0].lower()}{message[1:]}. {allowed}".strip()
+        line = next((self._lines[path[:n]] for n in range(len(path), 0, -1) if path[:n] in self._lines), None)
+        return Problem(self._name, line, ".".join(path), message)
+
+    def _named(self, place: tuple[str, ...]) -> tuple[str, ...]:
+        """The part of a place that names sections and a key, without what lies inside a value."""
+        depth = 1
+        while depth < len(place) and section_at(self._model, place[:depth]) is not None:
+            depth += 1
+        return place[:depth]
+
+    def _unknown(self, path: tuple[str, ...]) -> str:
+        section = section_at(self._model, path[:-1])
+        known = list(section.model_fields) if isinstance(section, type) else []
+        close = difflib.get_close_matches(path[-1], known, n=1)
+        hint = f"; did you mean {close[0]}?" if close else "."
+        return f"unknown key{hint} Allowed here: {', '.join(known)}"
+
+    def _allowed(self, path: tuple[str, ...]) -> str:
+        if section_at(self._model, path) is not None:
+            return f"the {self._kind} needs a section [{'.'.join(path)}]"
+        parent = section_at(self._model, path[:-1])
+        field = parent.model_fields.get(path[-1]) if isinstance(parent, type) else None
+        return (field.description or "") if field is not None else ""
 
 
-def section_models() -> dict[str, type[BaseModel]]:
-    """Model of each section of a job file, in the order in which they are documented."""
+class Named:
+    """Stands for a table whose keys are names that the user chose, such as [recipes]."""
+
+    def __init__(self, section: type[BaseModel]) -> None:
+        self.section = section
+
+
+def section_at(model: type[BaseModel], path: tuple[str, ...]) -> type[BaseModel] | Named | None:
+    """What may stand in a table of a file; ``None`` where there is no table."""
+    found: type[BaseModel] | Named | None = model
+    for key in path:
+        if isinstance(found, Named):
+            found = found.section
+        elif found is not None:
+            field = found.model_fields.get(key)
+            found = None if field is None else _section_of(field.annotation)
+    return found
+
+
+def _section_of(annotation: Any) -> type[BaseModel] | Named | None:
+    """The section that a field holds, if it holds one."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    if get_origin(annotation) in (Union, UnionType):
+        return next((found for found in map(_section_of, get_args(annotation)) if found is not None), None)
+    if get_origin(annotation) is dict:
+        section = _section_of(get_args(annotation)[1])
+        return Named(section) if isinstance(section, type) else None
+    return None
+
+
+def section_models(model: type[BaseModel] = Job) -> dict[str, type[BaseModel]]:
+    """Model of each section of a file, in the order in which they are documented."""
     models = {}
-    for name, field in Job.model_fields.items():
-        kind = field.annotation
-        if isinstance(kind, type) and issubclass(kind, BaseModel):
-            models[name] = kind
+    for name, field in model.model_fields.items():
+        found = _section_of(field.annotation)
+        if isinstance(found, Named):
+            models[f"{name}.NAME"] = found.section
+        elif found is not None:
+            models[name] = found
     return models
-
-
-def _unknown(path: tuple[str, ...]) -> str:
-    model = Job if len(path) == 1 else section_models().get(path[0])
-    known = list(model.model_fields) if model is not None else []
-    close = difflib.get_close_matches(path[-1], known, n=1)
-    hint = f"; did you mean {close[0]}?" if close else "."
-    return f"unknown key{hint} Allowed here: {', '.join(known)}"
-
-
-def _allowed(path: tuple[str, ...]) -> str:
-    model = section_models().get(path[0])
-    if model is None or len(path) < 2:
-        return f"the job needs a section [{path[0]}]" if model is not None and len(path) == 1 else ""
-    field = model.model_fields.get(path[1])
-    return field.description or "" if field is not None else ""

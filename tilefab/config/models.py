@@ -259,6 +259,17 @@ class Report(Section):
         return self
 
 
+class OnLine(Section):
+    """[line]: how a factory line runs the job."""
+
+    recipe: str = Field(
+        "default",
+        min_length=1,
+        max_length=60,
+        description="Recipe of the line's file (belt, kiln) to print it with; never changes a pixel.",
+    )
+
+
 class Job(Section):
     """A whole job file."""
 
@@ -270,3 +281,4 @@ class Job(Section):
     colour: Colour
     output: Output
     report: Report = Field(default_factory=lambda: Report.model_validate({}))
+    line: OnLine = Field(default_factory=lambda: OnLine.model_validate({}))

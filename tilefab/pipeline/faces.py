@@ -78,6 +78,18 @@ def render_planned(
     return render(texture, region.row, region.col, region.rows, region.cols, seed=plan.seed, out=out, threads=threads)
 
 
+def render_strip(
+    plan: Plan, texture: TextureMap, face: PlannedFace, first: int, out: Array, *, threads: int | None = None
+) -> Array:
+    """Rows ``first`` on of a planned face, as many as ``out`` has: the same pixels as in the whole face."""
+    if face.crops is not None and isinstance(texture, CropMap):
+        return render_plan(texture, face.crops, first=first, rows=out.shape[0], out=out, threads=threads)
+    region = face.region
+    return render(
+        texture, region.row + first, region.col, out.shape[0], region.cols, seed=plan.seed, out=out, threads=threads
+    )
+
+
 def render_face(
     plan: Plan,
     texture: TextureMap,

@@ -90,7 +90,7 @@ def run_job(
         _check_folder(plan, manifest)
         maps = job_maps(plan, progress, threads, must_keep=True)
         # Only now: a folder in which nothing could be printed stays free for the job with its faults put right.
-        _claim(plan)
+        claim_folder(plan)
         run = _Run(plan, maps, manifest, threads, verify)
         written = 0
         for done, index in enumerate(indices):
@@ -114,7 +114,7 @@ def _check_folder(plan: Plan, manifest: Manifest) -> None:
             remove_leftovers(plan.output / name)
 
 
-def _claim(plan: Plan) -> None:
+def claim_folder(plan: Plan) -> None:
     """Say in the folder that it is this job's."""
     path = plan.output / JOB_RECORD_NAME
     if not path.exists():

@@ -1,0 +1,226 @@
+"""What a simulated plant is like: the tables of `plant.toml`."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+Verify = Literal["crc32", "sha256", "none"]
+_Table = TypeVar("_Table")
+
+
+@dataclass(frozen=True)
+class ClockConfig:
+    """How fast the plant's clock runs against the wall's, 1 to 1000."""
+
+    rate: float = 1.0
+
+
+@dataclass(frozen=True)
+class BeltConfig:
+    """Lengths along the belt, and how it starts and stops."""
+
+    counts_per_mm: float = 20.0
+    most_speed_mm_s: float = 3000.0
+    accel_mm_s2: float = 2000.0
+    decel_mm_s2: float = 2000.0
+    e_stop_decel_mm_s2: float = 6000.0
+    load_to_eye_mm: float = 800.0
+    eye_to_head_mm: float = 2600.0
+    head_to_diverter_mm: float = 2000.0
+    diverter_to_kiln_mm: float = 3000.0
+
+
+@dataclass(frozen=True)
+class LoaderConfig:
+    """What the loader puts on the belt; zeros mean: endless, and of the length that the PLC was told."""
+
+    tiles: int = 0
+    tile_length_mm: float = 0.0
+    length_jitter_mm: float = 0.0
+    jitter_mm: float = 0.0
+    seed: int = 1
+
+
+@dataclass(frozen=True)
+class PrinterConfig:
+    """The print head, its memory and its two connections."""
+
+    inks: int = 4
+    bits: int = 8
+    buffer_bytes: int = 64 << 20
+    queue_len: int = 8
+    min_lead_mm: float = 50.0
+    ink_faces: int = 0
+    verify: Verify = "crc32"
+    control: str = ""
+    baud: int = 921600
+    data: str = "127.0.0.1:0"
+    boot_seconds: float = 0.3
+
+
+@dataclass(frozen=True)
+class PlcConfig:
+    """The conveyor's controller and its connections; an empty one isn't offered."""
+
+    tcp: str = "127.0.0.1:0"
+    rtu: str = ""
+    baud: int = 19200
+    boot_seconds: float = 0.3
+
+
+@dataclass(frozen=True)
+class KilnConfig:
+    """The kiln: how long tiles stay, how many break, how their order suffers, how zones heat."""
+
+    tcp: str = "127.0.0.1:0"
+    least_minutes: float = 35.0
+    most_minutes: float = 75.0
+    cycle_minutes: float = 45.0
+    shuffle_minutes: float = 0.0
+    break_rate: float = 0.0
+    capacity: int = 20000
+    start_degc: float = 20.0
+    time_constant_min: float = 4.0
+    seed: int = 1
+    boot_seconds: float = 0.3
+
+
+@dataclass(frozen=True)
+class GaugeConfig:
+    """The instrument at the kiln's exit."""
+
+    pty: str = ""
+    baud: int = 9600
+    seed: int = 1
+    boot_seconds: float = 0.3
+
+
+@dataclass(frozen=True)
+class ControlConfig:
+    """Where faults are set and truth is asked for."""
+
+    tcp: str = "127.0.0.1:0"
+
+
+@dataclass(frozen=True)
+class PlantConfig:
+    """A whole plant.
+
+    Attributes
+    ----------
+    truth_file
+        Where finished tiles are written, one JSON object a line; empty for nowhere.
+    keep_tiles
+        How many finished tiles stay in memory.
+    endpoints_file
+        Where the addresses are written once all is up; empty for nowhere.
+    """
+
+    clock: ClockConfig = field(default_factory=ClockConfig)
+    belt: BeltConfig = field(default_factory=BeltConfig)
+    loader: LoaderConfig = field(default_factory=LoaderConfig)
+    printer: PrinterConfig = field(default_factory=PrinterConfig)
+    plc: PlcConfig = field(default_factory=PlcConfig)
+    kiln: KilnConfig = field(default_factory=KilnConfig)
+    gauge: GaugeConfig = field(default_factory=GaugeConfig)
+    control: ControlConfig = field(default_factory=ControlConfig)
+    truth_file: str = ""
+    keep_tiles: int = 5000
+    endpoints_file: str = ""
+
+
+_TABLES: dict[str, type] = {
+    "clock": ClockConfig,
+    "belt": BeltConfig,
+    "loader": LoaderConfig,
+    "printer": PrinterConfig,
+    "plc": PlcConfig,
+    "kiln": KilnConfig,
+    "gauge": GaugeConfig,
+    "control": ControlConfig,
+}
+_NEVER_ZERO = {
+    *("rate", "counts_per_mm", "most_speed_mm_s", "accel_mm_s2", "decel_mm_s2", "e_stop_decel_mm_s2"),
+    *("baud", "buffer_bytes", "queue_len", "capacity", "time_constant_min", "keep_tiles"),
+}
+
+
+def parse_plant(content: Mapping[str, Any]) -> PlantConfig:
+    """Check the tables of a plant file.
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown or a value is of the wrong type or out of its range.
+    """
+    plain = {name: value for name, value in content.items() if name not in _TABLES}
+    tables: dict[str, Any] = {name: _table(kind, content.get(name, {}), name) for name, kind in _TABLES.items()}
+    plant = _table(PlantConfig, plain, "the file", **tables)
+    if not 1 <= plant.clock.rate <= 1000:
+        raise ValueError(f"clock.rate {plant.clock.rate} is not 1 to 1000")
+    if not (1 <= plant.printer.inks <= 8 and plant.printer.bits in (8, 16) and plant.printer.queue_len <= 32):
+        raise ValueError("the printer has 1 to 8 inks of 8 or 16 bits and queues at most 32 faces")
+    if plant.printer.buffer_bytes >= 1 << 32:
+        raise ValueError("printer.buffer_bytes must be below 4 GiB")
+    if plant.printer.verify not in ("crc32", "sha256", "none"):
+        raise ValueError(f"printer.verify {plant.printer.verify!r} is not crc32, sha256 or none")
+    if not plant.kiln.least_minutes <= plant.kiln.cycle_minutes <= plant.kiln.most_minutes:
+        raise ValueError("kiln.cycle_minutes lies outside least_minutes to most_minutes")
+    return plant
+
+
+def read_plant(path: Path) -> PlantConfig:
+    """Read a plant file; relative paths in it start at its folder.
+
+    Raises
+    ------
+    ValueError
+        If it is no TOML or says something wrong.
+    OSError
+        If it can't be read.
+    """
+    plant = parse_plant(tomllib.loads(path.read_text(encoding="utf-8")))
+
+    def beside(text: str) -> str:
+        if text.startswith("pty:"):
+            return f"pty:{path.parent / text.removeprefix('pty:')}"
+        return str(path.parent / text) if text else ""
+
+    return dataclasses.replace(
+        plant,
+        printer=dataclasses.replace(plant.printer, control=beside(plant.printer.control)),
+        plc=dataclasses.replace(plant.plc, rtu=beside(plant.plc.rtu)),
+        gauge=dataclasses.replace(plant.gauge, pty=beside(plant.gauge.pty)),
+        truth_file=beside(plant.truth_file),
+        endpoints_file=beside(plant.endpoints_file),
+    )
+
+
+def _table(kind: type[_Table], content: Any, name: str, **ready: Any) -> _Table:
+    if not isinstance(content, Mapping):
+        raise ValueError(f"{name} is no table")  # noqa: TRY004 - what is wrong is the file's value
+    values: dict[str, Any] = dict(ready)
+    known = {entry.name: entry for entry in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    for key, value in content.items():
+        if key not in known or key in ready:
+            raise ValueError(f"{name} has no {key!r}: it has {', '.join(sorted(set(known) - set(ready)))}")
+        values[key] = _value(f"{name}.{key}", known[key].default, value)
+        if key in _NEVER_ZERO and not values[key] > 0:
+            raise ValueError(f"{name}.{key} must be above 0")
+    return kind(**values)
+
+
+def _value(name: str, default: Any, value: Any) -> Any:
+    wanted = type(default)
+    if wanted is float and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if type(value) is not wanted:
+        raise ValueError(f"{name} must be of type {wanted.__name__}, not {type(value).__name__}")
+    if wanted in (int, float) and not 0 <= value < float("inf"):
+        raise ValueError(f"{name} must not be below 0")
+    return value

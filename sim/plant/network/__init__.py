@@ -1,0 +1,1 @@
+"""Sockets, pseudo terminals, baud rates and faults of the simulated plant."""

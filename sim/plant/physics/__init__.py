@@ -1,0 +1,1 @@
+"""What moves, prints and fires: exact, driven by events, without sockets, its time handed in."""

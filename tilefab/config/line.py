@@ -1,0 +1,288 @@
+"""What may stand in a line's file: its devices, its recipes, and where its daemon is talked to."""
+
+from __future__ import annotations
+
+import ipaddress
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from tilefab.config.loader import read_model
+from tilefab.config.models import Section
+from tilefab.control.ramp import RampLimits, set_point_problem
+from tilefab.errors import ConfigError, Problem
+
+ZONES = 8
+"""Zones of a kiln."""
+
+_MOST_SOCKET_BYTES = 107
+"""Linux has no longer names for sockets."""
+
+_MODBUS = r"^modbus-(tcp|rtu)://\S+$"
+_SERIAL = r"^serial:///\S+$"
+_TCP = r"^tcp://\S+$"
+_NAME = r"^[A-Za-z0-9][A-Za-z0-9 _-]*$"
+
+Degc = Annotated[float, Field(ge=20, le=1250)]
+
+
+class LineFacts(Section):
+    """[line]: its name and where it keeps things."""
+
+    name: str = Field(min_length=1, max_length=60, pattern=_NAME, description="Name of the line, as in its journal.")
+    state_directory: str = Field(
+        "line_state",
+        min_length=1,
+        description="Folder of journal, token, socket and log; relative to this file. Of this line alone.",
+    )
+    stream_strip_rows: int = Field(
+        64, ge=1, le=4096, description="Rows of a face that are rendered and sent to the printer at a time."
+    )
+
+
+class Plc(Section):
+    """[plc]: the conveyor's controller."""
+
+    endpoint: str = Field(
+        pattern=_MODBUS, description="`modbus-tcp://HOST:PORT?unit=N` or `modbus-rtu:///PATH?baud=N&unit=N`."
+    )
+
+
+class Kiln(Section):
+    """[kiln]: the kiln's controller; without this section the line leaves the kiln alone."""
+
+    endpoint: str = Field(pattern=_MODBUS, description="As for [plc].")
+    lowest_degc: Degc = Field(20.0, description="Lowest set-point that a recipe may ask for, °C.")
+    highest_degc: Degc = Field(1250.0, description="Highest set-point that a recipe may ask for, °C.")
+    ramp_degc_min: float = Field(
+        5.0, ge=0.1, le=15, description="How fast set-points may move, up or down, °C a minute."
+    )
+    tolerance_degc: float = Field(
+        5.0, gt=0, le=100, description="How near to its set-point each zone must be for tiles to be sent in, °C."
+    )
+
+    @property
+    def limits(self) -> RampLimits:
+        """Bounds of set-points and of their moving."""
+        return RampLimits(self.lowest_degc, self.highest_degc, self.ramp_degc_min)
+
+    @model_validator(mode="after")
+    def _check(self) -> Kiln:
+        if self.lowest_degc >= self.highest_degc:
+            raise ValueError(f"lowest_degc: {self.lowest_degc:g} must be below highest_degc, {self.highest_degc:g}")
+        return self
+
+
+class Gauge(Section):
+    """[gauge]: the instrument behind the kiln, if there is one."""
+
+    endpoint: str = Field(pattern=_SERIAL, description="`serial:///PATH?baud=N`.")
+
+
+class Printer(Section):
+    """[printer]: the printer."""
+
+    control: str = Field(pattern=_SERIAL, description="Where it takes commands: `serial:///PATH?baud=N`.")
+    data: str = Field(pattern=_TCP, description="Where it takes faces: `tcp://HOST:PORT`.")
+
+
+class JournalPlace(Section):
+    """[journal]: where it is written down what was printed."""
+
+    url: str | None = Field(
+        None,
+        pattern=r"^(sqlite|postgresql(\+psycopg)?):",
+        description="`postgresql://...` for a plant of many lines. Default: `journal.db` in the state directory. A "
+        "password belongs into `~/.pgpass`, not here.",
+    )
+
+
+class Api(Section):
+    """[api]: where the daemon is talked to."""
+
+    socket: str | None = Field(
+        None,
+        min_length=1,
+        description="Unix socket, for its owner and group. Default: `line.sock` in the state directory.",
+    )
+    http: str | None = Field(
+        None, description='Also here, as "127.0.0.1:8765". Who only reads needs no token. Default: nowhere.'
+    )
+    allow_remote: bool = Field(
+        False,
+        description="Let `http` be reached from other machines. Nothing is encrypted: put a proxy with TLS before it.",
+    )
+    token_file: str | None = Field(
+        None,
+        min_length=1,
+        description="File of the token that orders need; made if it isn't there. Default: `token` in the state "
+        "directory. Only its owner may read it.",
+    )
+
+    @property
+    def http_address(self) -> tuple[str, int] | None:
+        """Host and port, if there is one."""
+        if self.http is None:
+            return None
+        host, _, port = self.http.rpartition(":")
+        return host.strip("[]"), int(port)
+
+    @model_validator(mode="after")
+    def _check(self) -> Api:
+        if self.http is None:
+            return self
+        host, _, port = self.http.rpartition(":")
+        if not (host and port.isascii() and port.isdigit() and len(port) <= 5 and 1 <= int(port) <= 65535):
+            raise ValueError(f"http: {self.http!r} is no address: write it as 127.0.0.1:8765")
+        try:
+            address = ipaddress.ip_address(host.strip("[]"))
+        except ValueError:
+            raise ValueError(f"http: {host!r} is no number of a host: write 127.0.0.1, or another number") from None
+        if not address.is_loopback and not self.allow_remote:
+            raise ValueError(
+                f"http: {host} can be reached from other machines; use 127.0.0.1, or say allow_remote = true"
+            )
+        return self
+
+
+class Recipe(Section):
+    """[recipes.NAME]: how a kind of tile is run; a job names its recipe, or takes `default`."""
+
+    belt_speed_mm_s: float = Field(gt=0, le=3000, description="Speed of the belt, mm/s.")
+    tile_gap_mm: float = Field(ge=10, le=1000, description="From the end of a tile to the beginning of the next, mm.")
+    kiln_set_points_degc: list[Degc] | None = Field(
+        None,
+        min_length=ZONES,
+        max_length=ZONES,
+        description="Of each zone, from the entry on, °C. Default: the kiln stays as it is.",
+    )
+    cycle_min: float | None = Field(
+        None, ge=35, le=75, description="Minutes from entry to exit of the kiln. Default: it stays as it is."
+    )
+
+
+class Line(Section):
+    """A whole line file."""
+
+    schema_version: Literal[1] = Field(1, description="Version of the line file's format.")
+    line: LineFacts
+    plc: Plc
+    printer: Printer
+    kiln: Kiln | None = None
+    gauge: Gauge | None = None
+    journal: JournalPlace = Field(default_factory=lambda: JournalPlace.model_validate({}))
+    api: Api = Field(default_factory=lambda: Api.model_validate({}))
+    recipes: dict[Annotated[str, Field(min_length=1, max_length=60, pattern=_NAME)], Recipe] = Field(
+        min_length=1, max_length=1000, description="At least one: [recipes.default]."
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> Line:
+        for name, recipe in self.recipes.items():
+            key = f"recipes.{name}.kiln_set_points_degc"
+            if self.kiln is None:
+                if recipe.kiln_set_points_degc is not None:
+                    raise ValueError(f"{key}: the line has no [kiln] to bring there")
+                if recipe.cycle_min is not None:
+                    raise ValueError(f"recipes.{name}.cycle_min: the line has no [kiln] to bring there")
+            elif recipe.kiln_set_points_degc is not None:
+                problem = set_point_problem(recipe.kiln_set_points_degc, self.kiln.limits)
+                if problem:
+                    raise ValueError(f"{key}: {problem}, the limits in [kiln]")
+        return self
+
+
+@dataclass(frozen=True)
+class LineFile:
+    """A line as read from its file.
+
+    Attributes
+    ----------
+    path
+        The file.
+    line
+        What it says, checked.
+    lines
+        Line of each section and key, counted from 1.
+    """
+
+    path: Path
+    line: Line
+    lines: Mapping[tuple[str, ...], int]
+
+    @property
+    def name(self) -> str:
+        """Name of the line."""
+        return self.line.line.name
+
+    @property
+    def state_directory(self) -> Path:
+        """Folder of all that the line keeps, whole."""
+        return self._whole(self.line.line.state_directory, self.path.absolute().parent)
+
+    @property
+    def journal_url(self) -> str:
+        """Where the journal is, for SQLAlchemy."""
+        if self.line.journal.url is not None:
+            return self.line.journal.url
+        from sqlalchemy import URL  # only who opens a journal needs it
+
+        return URL.create("sqlite", database=str(self.state_directory / "journal.db")).render_as_string()
+
+    @property
+    def socket_path(self) -> Path:
+        """The daemon's socket, whole."""
+        return self._whole(self.line.api.socket or "line.sock", self._beside(self.line.api.socket))
+
+    @property
+    def token_path(self) -> Path:
+        """File of the token, whole."""
+        return self._whole(self.line.api.token_file or "token", self._beside(self.line.api.token_file))
+
+    @property
+    def log_path(self) -> Path:
+        """File of the daemon's log, whole."""
+        return self.state_directory / "line.log"
+
+    def problem(self, section: str, key: str, message: str) -> Problem:
+        """Describe a problem with one key of this file, at its line."""
+        line = self.lines.get((section, key), self.lines.get((section,)))
+        return Problem(str(self.path), line, f"{section}.{key}", message)
+
+    def _beside(self, named: str | None) -> Path:
+        """Paths that the file names start at the file, others lie in the state directory."""
+        return self.state_directory if named is None else self.path.absolute().parent
+
+    @staticmethod
+    def _whole(name: str, folder: Path) -> Path:
+        try:
+            return folder / Path(name).expanduser()
+        except RuntimeError:  # ~ of an unknown user
+            return folder / name
+
+
+def load_line(path: Path) -> LineFile:
+    """Read and check a line's file; the devices that it names are not looked for.
+
+    Parameters
+    ----------
+    path
+        A TOML file.
+
+    Raises
+    ------
+    ConfigError
+        If it can't be read or anything in it is wrong; carries all problems, in the order of their lines.
+    """
+    line, lines = read_model(path, Line, "line")
+    file = LineFile(path, line, lines)
+    length = len(str(file.socket_path).encode())
+    if length > _MOST_SOCKET_BYTES:
+        message = (
+            f"{file.socket_path} has {length} bytes, a socket's name may have {_MOST_SOCKET_BYTES}: name a shorter one"
+        )
+        raise ConfigError([file.problem("api", "socket", message)])
+    return file

@@ -1,0 +1,81 @@
+"""What the running line knows of its faces: which come next, which are under way, and what becomes of each."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+
+from tilefab.control.ledger import ArmState, FaceQueue
+from tilefab.io.journal import Intent
+
+INTENTS_AHEAD = 12
+"""Faces put down in the journal before any tile asks for one: arming must never wait for a disk."""
+
+
+@dataclass(frozen=True)
+class ActiveArm:
+    """An arm that the printer was told of and whose tile isn't decided.
+
+    Attributes
+    ----------
+    intent
+        Face and arm, as the journal has them.
+    detect_seq, tile_seq
+        Its tile, as the printer and the conveyor number it; ``tile_seq`` is ``None`` where it can't be known any more.
+    state
+        As the journal will have it as soon as its thread is through.
+    released
+        Whether the conveyor acknowledged that the tile may pass.
+    asked_release
+        Whether it may be asked to.
+    """
+
+    intent: Intent
+    detect_seq: int
+    tile_seq: int | None
+    state: ArmState
+    released: bool = False
+    asked_release: bool = False
+
+
+class FaceBook:
+    """Faces of one run.
+
+    Parameters
+    ----------
+    run_id
+        In the journal.
+    queue
+        Which faces come next.
+    """
+
+    def __init__(self, run_id: int, queue: FaceQueue) -> None:
+        self.run_id, self.queue = run_id, queue
+        self.pool: deque[Intent] = deque()
+        self.active: dict[int, ActiveArm] = {}
+        self.sent = 0
+        """Highest arm that the printer may have been told of."""
+
+    def update(self, arm_id: int, **changes: object) -> ActiveArm:
+        """Change what is known of an active arm."""
+        self.active[arm_id] = replace(self.active[arm_id], **changes)  # type: ignore[arg-type]
+        return self.active[arm_id]
+
+    def in_state(self, *states: ArmState) -> list[ActiveArm]:
+        """Active arms in certain states, by arm."""
+        return [arm for _, arm in sorted(self.active.items()) if arm.state in states]
+
+    @property
+    def armed(self) -> list[ActiveArm]:
+        """Arms that the printer has yet to finish."""
+        return self.in_state(ArmState.INTENT, ArmState.ARMED)
+
+    @property
+    def faces_to_go(self) -> int:
+        """Faces that still want a tile."""
+        return len(self.pool) + self.queue.remaining
+
+    @property
+    def done(self) -> bool:
+        """Whether no face wants a tile and none is under way."""
+        return self.faces_to_go == 0 and not self.active

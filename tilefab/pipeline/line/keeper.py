@@ -1,0 +1,85 @@
+"""The journal as the line's loop uses it: in a thread of its own, so that a slow disk never holds up the loop."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+from tilefab.control.ledger import ArmState
+from tilefab.io.journal import ArmChange, ArmRecord, Intent, Journal, RunFacts
+from tilefab.pipeline.line.probe import Probe, nothing
+
+_T = TypeVar("_T")
+
+
+class JournalKeeper:
+    """Runs a journal in one thread.
+
+    Parameters
+    ----------
+    url, line
+        As for `Journal.open`.
+    probe
+        See `tilefab.pipeline.line.probe`.
+    """
+
+    def __init__(self, url: str, line: str, probe: Probe = nothing) -> None:
+        self._url, self._line, self._probe = url, line, probe
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="tilefab-journal")
+        self._journal: Journal | None = None
+
+    async def open(self) -> None:
+        """Open the journal."""
+        self._journal = await self._run(lambda: Journal.open(self._url, line=self._line))
+
+    async def begin_session(self, *, above: int) -> int:
+        """Number of a new session with the devices, above every earlier one and above ``above``."""
+        session = await self.call(lambda journal: journal.begin_session(above=above))
+        self._probe("session.begun")
+        return session
+
+    async def close(self) -> None:
+        """Close the journal; whatever was asked for before is done first."""
+        if self._journal is not None:
+            await self.call(Journal.close)
+            self._journal = None
+        self._thread.shutdown()
+
+    async def call(self, work: Callable[[Journal], _T]) -> _T:
+        """Do something with the journal, in its thread."""
+        journal = self._journal
+        if journal is None:
+            raise ValueError("the journal isn't open")
+        return await self._run(lambda: work(journal))
+
+    async def start_run(self, facts: RunFacts) -> int:
+        """Number of a run, new or gone on with."""
+        return await self.call(lambda journal: journal.start_run(facts))
+
+    async def intend(self, run_id: int, faces: Sequence[tuple[int, int]]) -> list[Intent]:
+        """Put down, for good, which faces come next; see `Journal.intend`."""
+        self._probe("intent.before")
+        intents = await self.call(lambda journal: journal.intend(run_id, faces))
+        self._probe("intent.committed")
+        return intents
+
+    async def mark(self, changes: Sequence[ArmChange], step: str) -> None:
+        """Put down changes of arms, for good, all or none."""
+        if not changes:
+            return
+        self._probe(f"{step}.before")
+        await self.call(lambda journal: journal.mark(changes))
+        self._probe(f"{step}.committed")
+
+    async def arms(self, run_id: int | None = None, states: Sequence[ArmState] | None = None) -> list[ArmRecord]:
+        """Arms of a run, or of all."""
+        return await self.call(lambda journal: journal.arms(run_id, states=states))
+
+    async def note(self, kind: str, **detail: object) -> None:
+        """Put down an event."""
+        await self.call(lambda journal: journal.note(kind, **detail))
+
+    async def _run(self, work: Callable[[], _T]) -> _T:
+        return await asyncio.get_running_loop().run_in_executor(self._thread, work)
