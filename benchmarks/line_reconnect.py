@@ -4,8 +4,8 @@ Usage: python benchmarks/line_reconnect.py [--count N] [--seed SEED]
 
 Scripted devices on loopback sockets and ptys die and come back at random moments: their connections are reset and their
 port is closed; or nothing is heard of them any more, on connections that stay open; the same on an RTU line and on the
-printer's. Sessions are polled every 50 ms and connected anew after the pauses of `Backoff`. The plain client of pymodbus
-is timed once for comparison.
+printer's. Sessions are polled every 50 ms and connected anew after the pauses of `Backoff`. The plain client of
+pymodbus is timed once for comparison.
 """
 
 from __future__ import annotations

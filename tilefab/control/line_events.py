@@ -40,10 +40,11 @@ class OperatorAck:
 
 @dataclass(frozen=True)
 class ChangeoverReady:
-    """Answer to `BeginChangeover`: whether the next job is the present one now."""
+    """Answer to `BeginChangeover`: whether the next job is now the present one; if not, why, and the alarm's code."""
 
     ok: bool = True
     reason: str = ""
+    code: str = "changeover_failed"
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,7 @@ class DevicesReady:
 
     ok: bool = True
     reason: str = ""
+    code: str = "not_ready"
 
 
 @dataclass(frozen=True)
@@ -65,12 +67,15 @@ class Reconciled:
     doubt
         Faces that were newly found to be in doubt.
     reason
-        Why not, if not ok.
+        Why not, if not ok; which faces, if any are in doubt.
+    code
+        Of the alarm, if not ok.
     """
 
     ok: bool = True
     doubt: int = 0
     reason: str = ""
+    code: str = "not_reconciled"
 
 
 @dataclass(frozen=True)
@@ -79,14 +84,14 @@ class EStop:
 
     Attributes
     ----------
-    pressed
-        Which of the two.
     device
         The device that tells: one button may be told of by several, and all must say that it is out.
+    pressed
+        Which of the two.
     """
 
+    device: str
     pressed: bool
-    device: str = "plc"
 
 
 @dataclass(frozen=True)
@@ -145,7 +150,7 @@ class Drained:
         Whether another job waits.
     """
 
-    job_done: bool = True
+    job_done: bool
     more: bool = False
 
 

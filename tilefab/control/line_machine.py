@@ -62,6 +62,7 @@ from tilefab.control.line_events import (
 )
 
 __all__ = [
+    "ACTIVE",
     "ARMING_ACTIONS",
     "MOVING",
     "OPERATOR_EVENTS",
@@ -127,10 +128,13 @@ class LineState(StrEnum):
     """Something happened that the line can't go on from."""
 
 
-MOVING = frozenset({LineState.ARMING, LineState.RUNNING, LineState.DRAINING})
+MOVING = frozenset({LineState.RUNNING, LineState.DRAINING})
+"""States in which the belt is meant to move."""
+
+ACTIVE = MOVING | {LineState.ARMING}
 """States of a line that moves or is about to."""
 
-RESTING = frozenset(LineState) - MOVING
+RESTING = frozenset(LineState) - ACTIVE
 """States that only an operator leads out of."""
 
 
@@ -233,7 +237,7 @@ def refusal(line: Line, event: Event) -> str:
                 return _WHY_NO_RESUME[line.state]
             return _obstacle(line)
         case OperatorHold():
-            return "" if line.state in MOVING or line.state is LineState.HOLDING else _AT_REST[line.state]
+            return "" if line.state in ACTIVE or line.state is LineState.HOLDING else _AT_REST[line.state]
         case OperatorStop():
             if line.state in (LineState.E_STOPPED, LineState.FAULTED):
                 return _AT_REST[line.state]
@@ -247,7 +251,7 @@ def _start_refusal(line: Line) -> str:
         return "the line is holding: resume it, or stop it first"
     if line.state in (LineState.E_STOPPED, LineState.FAULTED):
         return _AT_REST[line.state]
-    if line.state in MOVING:
+    if line.state in ACTIVE:
         return f"the line is {line.state} already"
     return _obstacle(line)
 
@@ -318,7 +322,7 @@ _QUESTIONS: dict[Question, Action] = {
 
 
 def _operator_hold(line: Line, event: OperatorHold) -> Result:
-    if line.state in MOVING:
+    if line.state in ACTIVE:
         return _hold(line, "held by the operator")
     why = refusal(line, event)
     return line, (Note(f"hold refused: {why}"),) if why else ()
@@ -346,7 +350,7 @@ def _stop(line: Line, event: OperatorStop) -> Result:
 
 def _ack(line: Line, event: OperatorAck) -> Result:
     alarms = tuple(replace(alarm, acked=alarm.acked or alarm.number <= event.up_to) for alarm in line.alarms)
-    if line.state in MOVING:
+    if line.state in ACTIVE:
         # What was acknowledged while the line ran can't be what holds it.
         kept = tuple(alarm for alarm in alarms if not alarm.acked)
         return replace(line, alarms=kept), (ClearAlarms(),) if kept != line.alarms else ()
@@ -371,7 +375,7 @@ def _changeover_ready(line: Line, event: ChangeoverReady) -> Result:
     if line.state is not LineState.ARMING:
         return line, ()
     if not event.ok:
-        return _hold_with(line, "changeover_failed", event.reason)
+        return _hold_with(line, event.code, event.reason)
     line, question = _ask(line, Question.DEVICES)
     return line, (question,)
 
@@ -383,7 +387,7 @@ def _devices_ready(line: Line, event: DevicesReady) -> Result:
     if line.state is not LineState.ARMING:
         return line, ()
     if not event.ok:
-        return _hold_with(line, "not_ready", event.reason)
+        return _hold_with(line, event.code, event.reason)
     line, question = _ask(line, Question.FACES)
     return line, (AckPlc(), question)
 
@@ -395,10 +399,10 @@ def _reconciled(line: Line, event: Reconciled) -> Result:
     if line.state is not LineState.ARMING:
         return line, ()
     if not event.ok:
-        return _hold_with(line, "not_reconciled", event.reason)
+        return _hold_with(line, event.code, event.reason)
     if event.doubt:
         faces = "1 face is" if event.doubt == 1 else f"{event.doubt} faces are"
-        return _hold_with(line, "faces_in_doubt", f"{faces} in doubt")
+        return _hold_with(line, "faces_in_doubt", event.reason or f"{faces} in doubt")
     feed = line.then is Then.PRINT
     state = LineState.RUNNING if feed else LineState.DRAINING
     return replace(line, state=state), (ClearPrinter(), RunBelt(feed=feed), Note(f"{state}"))
@@ -435,7 +439,7 @@ def _e_stop(line: Line, event: EStop) -> Result:
 
 
 def _doubt(line: Line, event: Doubt) -> Result:
-    if line.state in MOVING:
+    if line.state in ACTIVE:
         return _hold_with(line, event.code, event.reason)
     return _raise(line, event.code, event.reason)
 
@@ -455,7 +459,7 @@ def _warn(line: Line, event: Warn) -> Result:
 def _device_lost(line: Line, event: DeviceLost) -> Result:
     line = replace(line, missing=line.missing | {event.name})
     text = f"no answer from {event.name}" + (f": {event.reason}" if event.reason else "")
-    if line.state in MOVING:
+    if line.state in ACTIVE:
         return _hold_with(line, f"{event.name}_lost", text)
     if line.state is LineState.HOLDING:
         return _raise(line, f"{event.name}_lost", text)

@@ -65,33 +65,44 @@ class StripCode(IntEnum):
     NO_CREDIT = 4
 
 
-MEANINGS: Final[dict[IntEnum, str]] = {
-    ArmStatus.ACCEPTED: "accepted",
-    ArmStatus.DUPLICATE: "the same arm_id and content were accepted before; nothing was done",
-    ArmStatus.TOO_LATE: "the head is, or is nearly, there",
-    ArmStatus.NOT_ABOVE_LAST: "arm_id is not above the last accepted one, and no identical duplicate",
-    ArmStatus.QUEUE_FULL: "no room in the queue",
-    ArmStatus.HELD: "held or not ready",
-    ArmStatus.BAD_GEOMETRY: "rows, columns, channels or bits can't be printed",
-    ArmStatus.UNKNOWN_TILE: "no such detect_seq",
-    DisarmStatus.CANCELLED: "its outcome is cancelled; no row was printed",
-    DisarmStatus.TOO_LATE: "printing, or finished",
-    DisarmStatus.UNKNOWN: "no such arm",
-    OutcomeState.QUEUED: "waits for its tile",
-    OutcomeState.PRINTING: "its first row may be on the tile",
-    OutcomeState.PRINTED: "all rows are on the tile",
-    OutcomeState.MISSED: "no row was printed: no tile, no data, or held when it was due",
-    OutcomeState.PARTIAL: "some rows were printed",
-    OutcomeState.CANCELLED: "no row was printed",
-    ClearStatus.CLEARED: "no longer held; deadman and underrun are off, ink_out and nozzle_out if they are over",
-    ClearStatus.STALE_COUNTER: "there was a newer fault",
-    ClearStatus.CAUSE_PERSISTS: "the cause persists",
-    StripCode.OK: "taken",
-    StripCode.BAD_CRC: "its sum is wrong",
-    StripCode.UNKNOWN_ARM: "no such arm, or it has ended",
-    StripCode.OUT_OF_ORDER: "it doesn't begin at next_row",
-    StripCode.NO_CREDIT: "there was no room for it",
+MEANINGS: Final[dict[type[IntEnum], tuple[str, ...]]] = {
+    ArmStatus: (
+        "accepted",
+        "the same arm_id and content were accepted before; nothing was done",
+        "the head is, or is nearly, there",
+        "arm_id is not above the last accepted one, and no identical duplicate",
+        "no room in the queue",
+        "held or not ready",
+        "rows, columns, channels or bits can't be printed",
+        "no such detect_seq",
+    ),
+    DisarmStatus: (
+        "its outcome is cancelled; no row was printed",
+        "printing, or finished",
+        "no such arm",
+    ),
+    OutcomeState: (
+        "waits for its tile",
+        "its first row may be on the tile",
+        "all rows are on the tile",
+        "no row was printed: no tile, no data, or held when it was due",
+        "some rows were printed",
+        "no row was printed",
+    ),
+    ClearStatus: (
+        "no longer held; deadman and underrun are off, ink_out and nozzle_out if they are over",
+        "there was a newer fault",
+        "the cause persists",
+    ),
+    StripCode: (
+        "taken",
+        "its sum is wrong",
+        "no such arm, or it has ended",
+        "it doesn't begin at next_row",
+        "there was no room for it",
+    ),
 }
+"""What the codes of each kind mean, in their order."""
 
 HELLO: Final = Message(
     0x01,

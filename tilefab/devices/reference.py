@@ -79,6 +79,11 @@ closes the connection if it knows a newer session. Then the host sends strips, a
 each and whenever its credit changes. The host never has more than `credit` bytes under way.
 """
 
+_STRIP_NOTE = """Behind a strip's head follow its bytes: rows x columns x channels x bits / 8, row by row, the channels
+of a dot side by side, high byte last. The host may also send a strip of no rows at row 4294967295, to be told
+`next_row`: it isn't taken, as no strip can begin there.
+"""
+
 _GAUGE = f"""## Gauge
 
 Over a serial line, lines of ASCII that end with a line feed, at most {MOST_LINE} characters.
@@ -113,11 +118,7 @@ def reference() -> str:
         ("status message of the printer", messages.STAT_MAGIC, messages.STAT),
     ):
         parts += [f"### {name[0].upper()}{name[1:]}\n\n`{magic.decode()}`, then:\n", _layout(layout, len(magic))]
-    parts.append(
-        "Behind a strip's head follow its bytes: rows x columns x channels x bits / 8, row by row, the channels of a dot\n"
-        "side by side, high byte last. The host may also send a strip of no rows at row 4294967295, to be told `next_row`:\n"
-        "it isn't taken, as no strip can begin there.\n"
-    )
+    parts.append(_STRIP_NOTE)
     parts += [_codes("Status message: code", StripCode), _GAUGE]
     return "\n".join(parts)
 
@@ -184,7 +185,10 @@ def _layout(layout: Layout, start: int = 0) -> str:
 
 
 def _codes(title: str, kind: type[IntEnum]) -> str:
-    rows = [f"| {code.value} | {code.name.lower().replace('_', ' ')} | {messages.MEANINGS[code]} |" for code in kind]
+    rows = [
+        f"| {code.value} | {code.name.lower().replace('_', ' ')} | {meaning} |"
+        for code, meaning in zip(kind, messages.MEANINGS[kind], strict=True)
+    ]
     return f"### {title}\n\n" + _table("code | name | meaning", rows)
 
 

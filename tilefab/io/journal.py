@@ -63,14 +63,15 @@ class Journal:
         url
             ``sqlite:////folder/file`` (see `sqlite_url`) or ``postgresql://...``.
         line
-            Name of the line, 1 to 100 characters. A database may hold many lines, each with one daemon.
+            Name of the line, 1 to 100 characters. PostgreSQL serves many lines at once, each with one daemon; a file
+            serves one daemon.
         now
             Clock for the times put down.
 
         Raises
         ------
         JournalError
-            If it can't be opened or trusted, is of a newer schema, or another daemon runs this line.
+            If it can't be opened or trusted, is of a newer schema, or another daemon writes it.
         """
         journal = cls(Store(url, line=line, read_only=False), line, now or _utc_now)
         try:

@@ -172,30 +172,29 @@ class Store:
             raise JournalError(f"{path}: there is no journal: start the line once", path=str(path))
 
     def _locked_file(self, path: Path) -> IO[str]:
-        """A file beside the database that the one daemon of this line holds locked."""
-        digest = hashlib.blake2b(self._line.encode(), digest_size=6).hexdigest()
+        """A file beside the database that its one writer holds locked, be it of this line or another."""
         with self.explained("lock"):
-            lock = path.with_name(f"{path.name}.{digest}.lock").open("a+", encoding="utf-8")
+            lock = path.with_name(f"{path.name}.writer").open("a+", encoding="utf-8")
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             lock.seek(0)
-            holder = lock.read(100).strip() or "another process"
+            holder = lock.read(200).strip()
             lock.close()
-            self._taken(f" ({holder})")
+            self._taken(f" ({holder})" if holder else "")
         except OSError as error:
             lock.close()
             raise JournalError(
                 f"{path}: its file system can't lock files: {error.strerror}: use a local disk", path=str(path)
             ) from error
         lock.truncate(0)
-        lock.write(f"process {os.getpid()}\n")
+        lock.write(f"process {os.getpid()}, line {self._line}\n")
         lock.flush()
         return lock
 
     def _taken(self, holder: str = "") -> NoReturn:
         raise JournalError(
-            f"{self.name}: another daemon{holder} runs line {self._line!r}: end it first, or look on only",
+            f"{self.name}: another daemon{holder} writes this journal: end it first, or look on only",
             path=self.name,
         )
 

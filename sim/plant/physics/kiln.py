@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from sim.plant.config import KilnConfig
@@ -215,9 +215,9 @@ class Kiln:
         self._on_room(self.inside >= self._config.capacity)
         self._on_out(tile, whole)
 
-    def temperatures(self) -> Sequence[float]:
+    def temperatures(self) -> list[float]:
         """Temperatures of the zones now, °C."""
-        return tuple(zone.temperature(self._timeline.t) for zone in self.zones)
+        return [zone.temperature(self._timeline.t) for zone in self.zones]
 
     def view(self) -> KilnView:
         """What the controller shows now."""

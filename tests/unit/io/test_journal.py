@@ -350,17 +350,33 @@ def test_a_note_may_be_of_any_length_but_is_kept_short(journal: Journal) -> None
 
 
 def test_lines_share_a_database_but_no_numbers(url: str) -> None:
-    with Journal.open(url, line=LINE) as one, Journal.open(url, line="line 2") as two:
-        runs = one.start_run(FACTS), two.start_run(FACTS)
-        assert runs[0] != runs[1]
-        assert one.intend(runs[0], [(0, 1)])[0].arm_id == two.intend(runs[1], [(0, 1)])[0].arm_id == 1
-        two.mark([ArmChange(1, ArmState.ARMED)])
+    with Journal.open(url, line=LINE) as one:
+        first = one.start_run(FACTS)
+        assert one.intend(first, [(0, 1)])[0].arm_id == 1
         one.note("hello")
-        assert [one.arms()[0].state, two.arms()[0].state] == [ArmState.INTENT, ArmState.ARMED]
-        assert two.notes() == []
-        assert [one.begin_session(), two.begin_session()] == [1, 1]
+        assert one.begin_session() == 1
+    with Journal.open(url, line="line 2") as two:
+        second = two.start_run(FACTS)
+        assert second != first
+        assert two.intend(second, [(0, 1)])[0].arm_id == 1
+        two.mark([ArmChange(1, ArmState.ARMED)])
+        assert (two.notes(), two.begin_session()) == ([], 1)
+        assert [run.run_id for run in two.runs()] == [second]
         with pytest.raises(JournalError, match="has no run"):
-            one.face_states(runs[1])
+            two.face_states(first)
+    with Journal.open(url, line=LINE) as one:
+        assert [arm.state for arm in one.arms()] == [ArmState.INTENT]
+
+
+def test_only_a_server_serves_many_lines_at_once(url: str) -> None:
+    """Writers of one file could wait for each other's disk."""
+    with Journal.open(url, line=LINE) as one:
+        if url.startswith("sqlite"):
+            with pytest.raises(JournalError, match="another daemon"):
+                Journal.open(url, line="line 2")
+            return
+        with Journal.open(url, line="line 2") as two:
+            assert [one.begin_session(), two.begin_session(), one.begin_session()] == [1, 1, 2]
 
 
 def test_a_second_daemon_of_a_line_is_refused(url: str) -> None:

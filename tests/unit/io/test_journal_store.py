@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import shutil
 import sqlite3
 import subprocess
 import sys
@@ -227,14 +228,24 @@ def test_the_lock_goes_with_the_process(path: Path) -> None:
         try:
             assert daemon.stdout is not None
             assert daemon.stdout.readline() == "1\n"
-            with pytest.raises(JournalError, match=rf"another daemon \(process {daemon.pid}\)"):
+            with pytest.raises(JournalError, match=rf"another daemon \(process {daemon.pid}, line {LINE}\)"):
                 Journal.open(sqlite_url(path), line=LINE)
-            with Journal.open(sqlite_url(path), line="another line") as other:
-                assert other.begin_session() == 1
         finally:
             daemon.kill()
     with Journal.open(sqlite_url(path), line=LINE) as journal:
         assert journal.begin_session() == 2
+
+
+def test_lookers_on_read_what_a_killed_daemon_left(path: Path, tmp_path: Path) -> None:
+    left = tmp_path / "left" / path.name
+    left.parent.mkdir()
+    with begun(path):
+        for suffix in ("", "-wal"):
+            shutil.copy(f"{path}{suffix}", f"{left}{suffix}")
+    before = left.read_bytes(), Path(f"{left}-wal").read_bytes()
+    with Journal.look(sqlite_url(left), line=LINE) as looker:
+        assert len(looker.arms()) == 5
+    assert (left.read_bytes(), Path(f"{left}-wal").read_bytes()) == before
 
 
 def test_a_link_to_a_journal_is_the_same_journal(path: Path) -> None:

@@ -212,7 +212,7 @@ class LineDaemon:
         """An emergency stop was pressed or let go."""
         if pressed:
             self.tiles_moved("e_stop")
-        self.post(machine.EStop(pressed, device))
+        self.post(machine.EStop(device=device, pressed=pressed))
 
     def tiles_moved(self, code: str) -> None:
         """Tiles may lie elsewhere than the counts say."""

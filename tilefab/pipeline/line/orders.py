@@ -1,0 +1,115 @@
+"""What an operator may order, and what the daemon offers to whoever passes his orders on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
+
+from tilefab.control.ledger import MOST_FACES, ArmState
+from tilefab.pipeline.line.status import AlarmView, FaceView, LineStatus
+
+MOST_FACES_TOLD = 1000
+"""Most faces that `LineControl.faces` is asked for."""
+
+SETTLED = (ArmState.PASSED, ArmState.DIVERTED, ArmState.UNPRINTED)
+"""What an operator may say became of a face in doubt."""
+
+_LONGEST_PATH = 4096
+_MOST_ALARMS = 1 << 53
+
+
+class LineControl(Protocol):
+    """A line's daemon, as seen by those that talk to it. Called from its own loop."""
+
+    def status(self) -> LineStatus:
+        """How the line is doing."""
+
+    async def command(self, name: str, arguments: Mapping[str, object]) -> str:
+        """Carry out an order that `check_order` let through; what was done, in a line.
+
+        Raises
+        ------
+        TilefabError
+            If the line can't do so now.
+        """
+
+    def metrics(self) -> bytes:
+        """What Prometheus is told; see `tilefab.pipeline.line.metrics`."""
+
+    async def faces(self, last: int) -> Sequence[FaceView]:
+        """The latest attempts to print a face, newest first."""
+
+    def alarms(self) -> Sequence[AlarmView]:
+        """Alarms that are up, oldest first."""
+
+
+def check_order(name: str, arguments: Mapping[str, object]) -> dict[str, object]:
+    """Make sure that an order is one that exists, with the arguments that it takes.
+
+    Parameters
+    ----------
+    name
+        ``start``, ``hold``, ``resume``, ``stop``, ``ack``, ``queue``, ``reprint`` or ``settle``.
+    arguments
+        ``up_to`` for ``ack``: number of the newest alarm that was seen; ``job`` for ``queue``: the whole path of a job
+        file; ``face`` for ``reprint`` and ``settle``; ``state`` for ``settle``: what became of the face.
+
+    Returns
+    -------
+    dict
+        The arguments.
+
+    Raises
+    ------
+    ValueError
+        If not; says what is wrong.
+
+    >>> check_order("ack", {"up_to": 7})
+    {'up_to': 7}
+    """
+    checks = _ORDERS.get(name)
+    if checks is None:
+        raise ValueError(f"there is no command {name[:40]!r}; there are {', '.join(ORDERS)}")
+    for key in arguments:
+        if key not in checks:
+            takes = ", ".join(checks) or "nothing"
+            raise ValueError(f"{name} takes no {str(key)[:40]!r}, but {takes}")
+    for key, check in checks.items():
+        if key not in arguments:
+            raise ValueError(f"{name} needs {key!r}")
+        problem = check(arguments[key])
+        if problem:
+            raise ValueError(f"{name}: {key} must be {problem}")
+    return dict(arguments)
+
+
+def _whole(least: int, below: int) -> Callable[[object], str]:
+    def check(value: object) -> str:
+        right = isinstance(value, int) and not isinstance(value, bool) and least <= value < below
+        return "" if right else f"a whole number from {least} to {below - 1}"
+
+    return check
+
+
+def _path(value: object) -> str:
+    right = isinstance(value, str) and value.startswith("/") and len(value) <= _LONGEST_PATH and value.isprintable()
+    return "" if right else "the whole path of a job file"
+
+
+def _settled(value: object) -> str:
+    return "" if isinstance(value, str) and value in SETTLED else f"one of {', '.join(SETTLED)}"
+
+
+_FACE = _whole(0, MOST_FACES)
+_ORDERS: Mapping[str, Mapping[str, Callable[[object], str]]] = {
+    "start": {},
+    "hold": {},
+    "resume": {},
+    "stop": {},
+    "ack": {"up_to": _whole(0, _MOST_ALARMS)},
+    "queue": {"job": _path},
+    "reprint": {"face": _FACE},
+    "settle": {"face": _FACE, "state": _settled},
+}
+ORDERS = tuple(_ORDERS)
+"""Names of all orders."""
