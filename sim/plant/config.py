@@ -52,7 +52,7 @@ class PrinterConfig:
 
     inks: int = 4
     bits: int = 8
-    buffer_bytes: int = 64 << 20
+    buffer_bytes: int = 512 << 20
     queue_len: int = 8
     min_lead_mm: float = 50.0
     ink_faces: int = 0

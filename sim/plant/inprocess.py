@@ -101,11 +101,15 @@ def running_plant_here(config: PlantConfig) -> Iterator[RunningPlant]:
     ------
     OSError
         If a connection can't be opened.
+    RuntimeError
+        At the end, if something in the plant's event loop failed on the way.
     """
     ready = threading.Event()
     outcome: dict[str, Any] = {}
+    defects: list[str] = []
 
     async def serve() -> None:
+        asyncio.get_running_loop().set_exception_handler(lambda _, context: defects.append(str(context)))
         server = PlantServer(config)
         try:
             await server.start()
@@ -131,6 +135,8 @@ def running_plant_here(config: PlantConfig) -> Iterator[RunningPlant]:
         with contextlib.suppress(RuntimeError):
             outcome["loop"].call_soon_threadsafe(outcome["server"].stopped.set)
         thread.join(_START_S)
+    if defects:
+        raise RuntimeError(f"defects of the simulated plant: {defects}")
 
 
 @asynccontextmanager

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-JOBS = sorted((Path(__file__).parents[2] / "jobs").glob("*.toml"))
+# A line and a plant lie beside them.
+JOBS = [path for path in sorted((Path(__file__).parents[2] / "jobs").glob("*.toml")) if "[slab]" in path.read_text()]
 
 
 def test_there_are_some() -> None:

@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 import tilefab
-from tilefab.cli import maps, profile
+from tilefab.cli import line, maps, profile
 from tilefab.cli.common import (
     FileOption,
     JobArgument,
@@ -62,6 +62,7 @@ job_app = typer.Typer(help="Job files: check one.", no_args_is_help=True)
 app.add_typer(job_app, name="job")
 app.add_typer(maps.app, name="map")
 app.add_typer(profile.app, name="profile")
+app.add_typer(line.app, name="line")
 
 
 def _version(show: bool) -> None:

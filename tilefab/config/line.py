@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
+from urllib.parse import urlsplit
 
 from pydantic import Field, model_validator
 
@@ -98,6 +99,12 @@ class JournalPlace(Section):
         description="`postgresql://...` for a plant of many lines. Default: `journal.db` in the state directory. A "
         "password belongs into `~/.pgpass`, not here.",
     )
+
+    @model_validator(mode="after")
+    def _check(self) -> JournalPlace:
+        if self.url is not None and urlsplit(self.url).password is not None:
+            raise ValueError("url: take the password out of this file, it may be read by many: put it into ~/.pgpass")
+        return self
 
 
 class Api(Section):

@@ -158,8 +158,9 @@ class _Problems:
             shown = shown if len(shown) <= 60 else shown[:57] + "..."
             rest_of_place = place[len(path) :]
             item = f" (item {int(rest_of_place[0]) + 1})" if rest_of_place and rest_of_place[0].isdigit() else ""
-            allowed = self._allowed(path)
-            message = f"{shown}{item} is not allowed: {message[0].lower()}{message[1:]}. {allowed}".strip()
+            # A pattern is for machines; the field's own description says the same in words.
+            why = ". " if error == "string_pattern_mismatch" else f": {message[0].lower()}{message[1:]}. "
+            message = f"{shown}{item} is not allowed{why}{self._allowed(path)}".strip()
         line = next((self._lines[path[:n]] for n in range(len(path), 0, -1) if path[:n] in self._lines), None)
         return Problem(self._name, line, ".".join(path), message)
 
@@ -178,8 +179,10 @@ class _Problems:
         return f"unknown key{hint} Allowed here: {', '.join(known)}"
 
     def _allowed(self, path: tuple[str, ...]) -> str:
-        if section_at(self._model, path) is not None:
-            return f"the {self._kind} needs a section [{'.'.join(path)}]"
+        section = section_at(self._model, path)
+        if section is not None:
+            name = ".".join(path) + (".NAME" if isinstance(section, Named) else "")
+            return f"the {self._kind} needs a section [{name}]"
         parent = section_at(self._model, path[:-1])
         field = parent.model_fields.get(path[-1]) if isinstance(parent, type) else None
         return (field.description or "") if field is not None else ""

@@ -1,4 +1,4 @@
-"""The reference of job files, made from the models: ``python -m tilefab.config.reference > docs/job_files.md``."""
+"""The references of job and line files, made from their models: ``python -m tilefab.config.reference [line]``."""
 
 from __future__ import annotations
 
@@ -6,23 +6,44 @@ import json
 import sys
 from typing import Any
 
+from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
+from tilefab.config.line import Line
 from tilefab.config.loader import section_models
+from tilefab.config.models import Job
 
-_INTRODUCTION = """# Job files
+_JOB = """# Job files
 
 A job file is TOML. Relative paths start at the job file; a file that isn't there is looked for in the current folder,
 and a press profile also among those shipped with tilefab. `tilefab job check JOB` prints the resolved job, or every
 problem at once. This page is made from the models in `tilefab/config/models.py` by `make docs`.
 """
+_LINE = """# Line files
+
+A line file is TOML and describes one line: where its devices are, what its recipes ask of belt and kiln, and where its
+daemon is talked to. Relative paths start at the line file. `tilefab line check LINE.toml` prints every problem at once;
+[jobs/line.toml](../jobs/line.toml) is an example. This page is made from the models in `tilefab/config/line.py` by
+`make docs`.
+"""
+_TOP = "`schema_version = 1` stands at the top, before the first section.\n"
 
 
 def reference() -> str:
     """Every section and key of a job file with type, default and meaning, as Markdown."""
-    parts = [_INTRODUCTION, "`schema_version = 1` stands at the top, before the first section.\n"]
-    for name, model in section_models().items():
-        parts.append(f"## [{name}]\n")
+    return "\n".join([_JOB, _TOP, *_sections(Job)])
+
+
+def line_reference() -> str:
+    """Every section and key of a line file with type, default and meaning, as Markdown."""
+    return "\n".join([_LINE, _TOP, *_sections(Line)])
+
+
+def _sections(whole: type[BaseModel]) -> list[str]:
+    parts = []
+    for name, model in section_models(whole).items():
+        optional = _is_optional(whole, name)
+        parts.append(f"## [{name}]{' (may be left out)' if optional else ''}\n")
         parts.append("| key | value | default | meaning |\n| --- | --- | --- | --- |")
         schema = model.model_json_schema()["properties"]
         rows = []
@@ -32,7 +53,13 @@ def reference() -> str:
             meaning = (field.description or "").replace("|", "\\|")
             rows.append(f"| `{key}` | {_kind(schema[key])} | {default} | {meaning} |")
         parts.append("\n".join(rows) + "\n")
-    return "\n".join(parts)
+    return parts
+
+
+def _is_optional(whole: type[BaseModel], name: str) -> bool:
+    """Whether leaving a section out means something other than its defaults."""
+    field = whole.model_fields.get(name)
+    return field is not None and field.default is None
 
 
 def _kind(schema: dict[str, Any]) -> str:
@@ -64,4 +91,4 @@ def _number(value: float) -> str:
 
 
 if __name__ == "__main__":
-    sys.stdout.write(reference())
+    sys.stdout.write(line_reference() if sys.argv[1:] == ["line"] else reference())

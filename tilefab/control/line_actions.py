@@ -95,5 +95,3 @@ Action = (
     | ClearAlarms
     | Note
 )
-ARMING_ACTIONS = (RunBelt, ClearPrinter)
-"""After these something may move or be printed."""

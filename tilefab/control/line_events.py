@@ -172,4 +172,3 @@ Event = (
     | JobDone
     | Drained
 )
-OPERATOR_EVENTS = (OperatorStart, OperatorHold, OperatorResume, OperatorStop, OperatorAck)

@@ -20,12 +20,10 @@ taken for that of another arming.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from dataclasses import replace
 from typing import Any
 
 from tilefab.control.line_actions import (
-    ARMING_ACTIONS,
     AckPlc,
     Action,
     BeginChangeover,
@@ -41,7 +39,6 @@ from tilefab.control.line_actions import (
     StopBelt,
 )
 from tilefab.control.line_events import (
-    OPERATOR_EVENTS,
     ChangeoverReady,
     DeviceBack,
     DeviceLost,
@@ -60,12 +57,11 @@ from tilefab.control.line_events import (
     Reconciled,
     Warn,
 )
+from tilefab.control.line_state import ACTIVE, MOVING, RESTING, Alarm, Line, LineState, Question, Then
 
 __all__ = [
     "ACTIVE",
-    "ARMING_ACTIONS",
     "MOVING",
-    "OPERATOR_EVENTS",
     "RESTING",
     "AckPlc",
     "Action",
@@ -105,119 +101,6 @@ __all__ = [
     "refusal",
     "step",
 ]
-
-
-class LineState(StrEnum):
-    """What a line is doing."""
-
-    IDLE = "idle"
-    """Nothing was begun since the daemon started."""
-    ARMING = "arming"
-    """On its way to run: job, devices and faces are brought in order, the belt stands."""
-    RUNNING = "running"
-    """Tiles are fed and get faces."""
-    HOLDING = "holding"
-    """Something was in doubt, or an operator said so: the belt stands, the printer holds."""
-    DRAINING = "draining"
-    """No tile is fed, the belt brings those with a face to the diverter."""
-    STOPPED = "stopped"
-    """The job ended, or was ended in order."""
-    E_STOPPED = "e_stopped"
-    """An emergency stop was pressed."""
-    FAULTED = "faulted"
-    """Something happened that the line can't go on from."""
-
-
-MOVING = frozenset({LineState.RUNNING, LineState.DRAINING})
-"""States in which the belt is meant to move."""
-
-ACTIVE = MOVING | {LineState.ARMING}
-"""States of a line that moves or is about to."""
-
-RESTING = frozenset(LineState) - ACTIVE
-"""States that only an operator leads out of."""
-
-
-class Question(StrEnum):
-    """What was asked of whoever runs the machine."""
-
-    CHANGEOVER = "taking up the next job"
-    DEVICES = "checking the devices"
-    FACES = "finding out what became of the last faces"
-
-
-class Then(StrEnum):
-    """What comes once the tiles on the belt are through."""
-
-    PRINT = "print"
-    """More tiles of the same job."""
-    END = "end"
-    """The next job, or rest if there is none; or this one's last faces, should one have come back."""
-    STOP = "stop"
-    """Rest, as an operator ordered."""
-
-
-@dataclass(frozen=True)
-class Alarm:
-    """An alarm that is up.
-
-    Attributes
-    ----------
-    number
-        Each alarm of a line has a higher one than all before.
-    code, text
-        What kind it is, and what happened.
-    acked
-        Whether an operator has acknowledged it.
-    """
-
-    number: int
-    code: str
-    text: str
-    acked: bool = False
-
-
-@dataclass(frozen=True)
-class Line:
-    """All that the state machine knows.
-
-    Attributes
-    ----------
-    state
-        What the line is doing.
-    reason
-        Why it holds, is e-stopped or faulted.
-    missing
-        Devices that don't answer. A daemon begins with all of its devices in it.
-    e_stops
-        Devices that tell of a pressed emergency stop.
-    alarms
-        Those that are up, oldest first; at most one of each code.
-    raised
-        Number of the newest alarm ever raised.
-    asked
-        The question that waits for its answer.
-    then
-        What comes once the belt is drained; kept through a hold.
-    needs_job
-        Whether the next arming takes up a job.
-    """
-
-    state: LineState = LineState.IDLE
-    reason: str = ""
-    missing: frozenset[str] = frozenset()
-    e_stops: frozenset[str] = frozenset()
-    alarms: tuple[Alarm, ...] = ()
-    raised: int = 0
-    asked: Question | None = None
-    then: Then = Then.PRINT
-    needs_job: bool = True
-
-    @property
-    def unacked(self) -> tuple[Alarm, ...]:
-        """Alarms that nobody acknowledged."""
-        return tuple(alarm for alarm in self.alarms if not alarm.acked)
-
 
 Result = tuple[Line, tuple[Action, ...]]
 
@@ -293,7 +176,7 @@ def _start(line: Line, event: OperatorStart) -> Result:
     why = refusal(line, event)
     if why:
         return line, (Note(f"start refused: {why}"),)
-    return _arm(replace(line, then=Then.PRINT), "started by the operator")
+    return _arm(line, "started by the operator")
 
 
 def _resume(line: Line, event: OperatorResume) -> Result:
@@ -484,14 +367,19 @@ def _job_done(line: Line, _: JobDone) -> Result:
 
 
 def _drained(line: Line, event: Drained) -> Result:
+    stop = line.then is Then.STOP
+    if event.job_done and not line.needs_job:
+        line = replace(line, needs_job=True, then=Then.STOP if stop else Then.PRINT)
+        if line.state in (LineState.ARMING, LineState.RUNNING):
+            # It was held and resumed while the job was being ended: there is nothing left to go on with.
+            return _hold(line, "the job ended in the meantime: resume for the next one")
     if line.state is not LineState.DRAINING:
         return line, ()
-    if line.then is not Then.STOP and not event.job_done:
-        line = replace(line, state=LineState.RUNNING, then=Then.PRINT)
+    line = replace(line, then=Then.PRINT)
+    if not stop and not event.job_done:
+        line = replace(line, state=LineState.RUNNING)
         return line, (RunBelt(feed=True), Note("drained, but faces came back: they are printed now"))
-    change = line.then is not Then.STOP and event.more
-    line = replace(line, then=Then.PRINT, needs_job=line.needs_job or event.job_done)
-    if change:
+    if not stop and event.more:
         line, question = _ask(replace(line, state=LineState.ARMING), Question.CHANGEOVER)
         return line, (StopBelt(), HoldPrinter(), Note("drained: the next job is taken up"), question)
     return replace(line, state=LineState.STOPPED), (StopBelt(), HoldPrinter(), Note("drained and stopped"))

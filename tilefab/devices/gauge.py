@@ -12,7 +12,8 @@ from typing import Final
 from tilefab.devices.endpoints import SerialEndpoint, parse_endpoint
 from tilefab.devices.sequences import memory_of
 from tilefab.devices.streams import SerialStream
-from tilefab.errors import DeviceError, DeviceProtocolError, DeviceRefused, DeviceTimeout
+from tilefab.devices.turns import Turns
+from tilefab.errors import DeviceError, DeviceProtocolError, DeviceRefused
 
 MOST_LINE: Final = 120
 _DEADLINE_S: Final = 0.2
@@ -84,9 +85,9 @@ class GaugeSession:
         if not isinstance(parsed, SerialEndpoint):
             raise DeviceError(f"{name}: {endpoint!r} must be a serial endpoint", device=name)
         self._stream = SerialStream(parsed, name)
-        self._deadline_s, self.name = deadline_s, name
+        self.name = name
         self._memory = memory_of(endpoint)
-        self._turn = asyncio.Lock()
+        self._turns = Turns(deadline_s, name)
 
     @property
     def connected(self) -> bool:
@@ -95,7 +96,8 @@ class GaugeSession:
 
     async def connect(self) -> None:
         """Open the port; raises as `PrinterSession.connect` does."""
-        await self._stream.open(asyncio.get_running_loop().time() + self._deadline_s)
+        async with self._turns.mine() as deadline:
+            await self._stream.open(deadline)
 
     async def close(self) -> None:
         """Give the port up."""
@@ -114,16 +116,8 @@ class GaugeSession:
         DeviceProtocolError
             If the answer makes no sense.
         """
-        deadline = asyncio.get_running_loop().time() + self._deadline_s
-        try:
-            async with asyncio.timeout_at(deadline):
-                await self._turn.acquire()
-        except TimeoutError:
-            raise DeviceTimeout(f"{self.name}: is still busy with an earlier request", device=self.name) from None
-        try:
+        async with self._turns.mine() as deadline:
             fields = await self._ask("M", deadline)
-        finally:
-            self._turn.release()
         return self._reading(fields)
 
     async def _ask(self, what: str, deadline: float) -> tuple[str, ...]:

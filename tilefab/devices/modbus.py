@@ -218,9 +218,14 @@ class RtuLink(_Answers):
             raise
 
     async def open(self, deadline: float) -> None:
-        """Open the port. The line is quarantined: whoever used it before may still be answered."""
+        """Open the port, and wait until the line is silent: whoever used it before may still be answered."""
         await self.stream.open(deadline)
         self.distrust()
+        try:
+            await self._silence(0, deadline)
+        except BaseException:
+            self.stream.close()
+            raise
 
     def distrust(self) -> None:
         """Quarantine the line: what was received isn't the answer to what was asked."""

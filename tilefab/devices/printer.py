@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Mapping, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from enum import IntEnum
 from itertools import pairwise
@@ -25,6 +24,7 @@ from tilefab.devices.printer_values import (
 )
 from tilefab.devices.sequences import memory_of
 from tilefab.devices.streams import SerialStream
+from tilefab.devices.turns import Turns
 from tilefab.errors import DeviceError, DeviceProtocolError, DeviceRefused, DeviceTimeout
 
 _DEADLINE_S: Final = 0.2
@@ -68,7 +68,7 @@ class PrinterSession:
         self._char_s = _BITS_PER_CHAR / parsed.baud
         self._memory = memory_of(endpoint)
         self._reader = FrameReader()
-        self._turn = asyncio.Lock()
+        self._turns = Turns(deadline_s, name)
         self._inks = messages.INKS
 
     @property
@@ -86,7 +86,7 @@ class PrinterSession:
         DeviceRefused
             If another program uses it.
         """
-        async with self._my_turn() as deadline:
+        async with self._turns.mine() as deadline:
             await self._stream.open(deadline)
             self._reader.clear()
 
@@ -173,7 +173,7 @@ class PrinterSession:
             payload = message.request.pack(values or {})
         except ValueError as error:
             raise DeviceRefused(f"{self.name}: {message.name}: {error}", device=self.name) from None
-        async with self._my_turn() as deadline:
+        async with self._turns.mine() as deadline:
             reply = await self._exchange(message.code, payload, deadline)
         if reply.type == messages.ERROR_TYPE:
             raise self._refused(message, reply.payload)
@@ -220,19 +220,6 @@ class PrinterSession:
                 ):
                     return frame
         return None
-
-    @asynccontextmanager
-    async def _my_turn(self) -> AsyncIterator[float]:
-        deadline = asyncio.get_running_loop().time() + self._deadline_s
-        try:
-            async with asyncio.timeout_at(deadline):
-                await self._turn.acquire()
-        except TimeoutError:
-            raise DeviceTimeout(f"{self.name}: is still busy with an earlier request", device=self.name) from None
-        try:
-            yield deadline
-        finally:
-            self._turn.release()
 
     def _check_ascending(self, numbers: Sequence[int], first: int) -> None:
         if any(number < first for number in numbers) or any(a >= b for a, b in pairwise(numbers)):

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Mapping, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from tilefab.devices.endpoints import ModbusRtuEndpoint, ModbusTcpEndpoint, parse_endpoint
@@ -20,6 +19,7 @@ from tilefab.devices.modbus import (
 )
 from tilefab.devices.registers import ContentError, RegisterMap, Value, Write
 from tilefab.devices.sequences import memory_of
+from tilefab.devices.turns import Turns
 from tilefab.errors import DeviceError, DeviceProtocolError, DeviceRefused, DeviceTimeout
 
 DEADLINE_S: Final = 0.2
@@ -56,7 +56,7 @@ class RegisterSession:
         assert isinstance(parsed, ModbusTcpEndpoint | ModbusRtuEndpoint)
         self._fc23 = parsed.fc23
         self._memory = memory_of(endpoint)
-        self._turn = asyncio.Lock()
+        self._turns = Turns(deadline_s, name)
         self._checked = False
         """Whether this device has shown that it sends a check sum; from then on it must."""
         self._commanded: int | None = None
@@ -80,7 +80,7 @@ class RegisterSession:
         DeviceTimeout
             If the device isn't there.
         """
-        async with self._my_turn() as deadline:
+        async with self._turns.mine() as deadline:
             await self._link.open(deadline)
 
     async def close(self) -> None:
@@ -91,7 +91,7 @@ class RegisterSession:
 
     async def _poll_values(self) -> tuple[dict[str, Value], tuple[int, ...]]:
         """Read the window within the deadline, by name and as words."""
-        async with self._my_turn() as deadline:
+        async with self._turns.mine() as deadline:
             return await self._read(deadline)
 
     async def _command(self, values: Mapping[str, float | Sequence[float]]) -> tuple[dict[str, Value], tuple[int, ...]]:
@@ -100,7 +100,7 @@ class RegisterSession:
             self._map.encode_command({**values, self._map.command[0]: 0})
         except ValueError as error:
             raise DeviceRefused(f"{self.name}: {error}", device=self.name) from None
-        async with self._my_turn() as deadline:
+        async with self._turns.mine() as deadline:
             if self._last_words is None:
                 await self._read(deadline)
             number = self._next_command()
@@ -109,19 +109,6 @@ class RegisterSession:
             for write in writes:
                 await self._write(write, deadline)
             return await self._acknowledged(number, writes, deadline + self._deadline_s)
-
-    @asynccontextmanager
-    async def _my_turn(self) -> AsyncIterator[float]:
-        deadline = asyncio.get_running_loop().time() + self._deadline_s
-        try:
-            async with asyncio.timeout_at(deadline):
-                await self._turn.acquire()
-        except TimeoutError:
-            raise DeviceTimeout(f"{self.name}: is still busy with an earlier request", device=self.name) from None
-        try:
-            yield deadline
-        finally:
-            self._turn.release()
 
     async def _read(self, deadline: float) -> tuple[dict[str, Value], tuple[int, ...]]:
         registers, number = self._map, self._memory.next_sequence()

@@ -211,7 +211,7 @@ class TcpStream:
         except TimeoutError:
             reason = "didn't take the connection in time"
         except OSError as error:
-            reason = error.strerror or str(error)
+            reason = os.strerror(error.errno) if error.errno else str(error)
         else:
             if not _is_own(connection.transport):
                 self._connection = connection

@@ -348,6 +348,7 @@ class Journal:
 
     def counts(self, run_id: int) -> dict[ArmState, int]:
         """How many arms of a run are in each state; read once, then kept."""
+        self._check_thread()
         if run_id not in self._counts or self._store.read_only:
             with self._transaction("count arms") as connection:
                 self._run(connection, run_id)
@@ -381,13 +382,8 @@ class Journal:
         self._check_thread()
         if self._closed:
             raise self._error(f"can't {what}: it is closed")
-        try:
-            with self._store.transaction(what) as connection:
-                yield connection
-        except BaseException:
-            # What is on the disk is read again.
-            self._counts.clear()
-            raise
+        with self._store.transaction(what) as connection:
+            yield connection
         self._written += 1
         if self._written % _TIDY_EVERY == 0 and not self._store.read_only:
             self._store.tidy()

@@ -23,6 +23,9 @@ BUSY_SECONDS = 5.0
 _CHECKED_BYTES = 32 << 20
 _WAL_BYTES = 4 << 20
 _MIGRATION_KEY = 0x74696C65
+_POSTGRES_BOUNDS = {"connect_timeout": 5, "tcp_user_timeout": 10_000}
+"""Seconds and milliseconds after which a silent server counts as lost."""
+
 _TABLES = "SELECT name FROM sqlite_master WHERE type = 'table' AND name NOT LIKE 'sqlite_%'"
 _FOLDER = Path(__file__).parent / "journal_migrations"
 
@@ -201,7 +204,8 @@ class Store:
     def _make_engine(self) -> Engine:
         path = self.path
         if path is None:
-            return create_engine(self._url, poolclass=NullPool)
+            bounds = {name: value for name, value in _POSTGRES_BOUNDS.items() if name not in self._url.query}
+            return create_engine(self._url, poolclass=NullPool, connect_args=bounds)
 
         def connect() -> sqlite3.Connection:
             mode = "ro" if self.read_only else "rwc"
@@ -271,7 +275,7 @@ class Store:
         with self.connection.begin():
             ask = self.connection.execute
             if self.read_only:
-                ask(text("SET SESSION CHARACTERISTICS AS TRANSACTION READ ONLY"))
+                ask(text("SET SESSION CHARACTERISTICS AS TRANSACTION ISOLATION LEVEL REPEATABLE READ, READ ONLY"))
                 return
             ask(text("SET synchronous_commit = on"))
             if ask(text("SHOW fsync")).scalar() != "on":

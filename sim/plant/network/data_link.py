@@ -20,7 +20,7 @@ from sim.plant.wire import tfd
 _CHUNK = 1 << 18
 _SOCKET_BYTES = 4 << 20
 _BUSY_S, _IDLE_S = 0.004, 0.05
-_CREDIT_STEPS = 16
+_CREDIT_STEPS, _TELL_S = 16, 0.02
 
 
 class _EndedError(Exception):
@@ -94,6 +94,7 @@ class _Connection:
         self._chunk = memoryview(bytearray(_CHUNK))
         self._arm = 0
         self._credit = -1
+        self._told = 0.0
         self._session = 0
         self._due: list[tuple[float, Callable[[], None]]] = []
         self._link = Link(self._send, self.end, self._later, "tfd")
@@ -161,23 +162,18 @@ class _Connection:
                 busy = plant.head.printing or bool(self._due)
                 if not plant.head.taking(self._session):
                     raise _EndedError
-            if poll.poll((_BUSY_S if busy else _IDLE_S) * 1000) and not self._link.deaf:
+            # A deaf connection reads nothing, and ends with its peer all the same.
+            poll.modify(self._peer, select.POLLRDHUP if self._link.deaf else select.POLLIN)
+            if poll.poll((_BUSY_S if busy else _IDLE_S) * 1000):
+                if self._link.deaf:
+                    raise _EndedError
                 return
-            if self._link.deaf and self._gone():
-                raise _EndedError
             with self._service.now() as plant:
                 credit = plant.head.credit
             most = self._service.config.printer.buffer_bytes
-            if credit >= self._credit + most // _CREDIT_STEPS or (credit == most != self._credit):
+            gain = credit - self._credit
+            if gain >= most // _CREDIT_STEPS or (gain > 0 and now >= self._told + _TELL_S):
                 self._report(StripAnswer.TAKEN)
-
-    def _gone(self) -> bool:
-        """Whether the peer has closed a connection that is deaf; nothing of it is read meanwhile."""
-        time.sleep(_BUSY_S)
-        try:
-            return not self._peer.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
-        except BlockingIOError:
-            return False
 
     def _report(self, code: StripAnswer) -> None:
         with self._service.now() as plant:
@@ -185,6 +181,7 @@ class _Connection:
                 raise _EndedError
             armed = plant.head.memory.arms.get(self._arm)
             self._credit = plant.head.credit
+            self._told = time.monotonic()
             message = tfd.stat(self._arm, armed.rows_received if armed else 0, self._credit, code)
             plan = self._service.strike(("printer_data",), 0)
         answer_through(plan, self._link, lambda: message)

@@ -9,7 +9,7 @@ from pathlib import Path
 from sim.plant.network.faults import Link, answer_through
 from sim.plant.network.serial_port import SerialPort
 from sim.plant.network.service import Service
-from sim.plant.wire.modbus import MOST_RTU, MOST_TCP, rtu_answer, rtu_length, tcp_answer
+from sim.plant.wire.modbus import MOST_RTU, MOST_TCP, answer, rtu_frame, rtu_length, rtu_request, tcp_answer
 from sim.plant.wire.window import Window
 
 _SILENCE_S = 0.03
@@ -150,12 +150,17 @@ class ModbusRtu:
         self._answer(frame)
 
     def _answer(self, frame: bytes) -> None:
+        request = rtu_request(self._window.unit, frame)
+        if request is None:
+            return
+
         def act() -> bytes | None:
             with self._service.now():
-                return rtu_answer(self._window, frame) if self._service.up("plc") else None
+                if not self._service.up("plc"):
+                    return None
+                return rtu_frame(self._window.unit, answer(self._window, request))
 
-        label = frame[1] if len(frame) > 1 else 0
-        answer_through(self._service.strike(("plc", "plc_rtu"), label), self._link, act)
+        answer_through(self._service.strike(("plc", "plc_rtu"), request[0]), self._link, act)
 
     def close(self) -> None:
         """Close the line."""

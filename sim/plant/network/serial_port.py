@@ -43,6 +43,7 @@ class SerialPort:
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
+        self.path.parent.mkdir(parents=True, exist_ok=True)
         link = self.path.with_name(f".{self.path.name}.new")
         link.unlink(missing_ok=True)
         link.symlink_to(os.ttyname(self._slave))

@@ -56,6 +56,7 @@ class PlantServer:
             raise
         if self.config.endpoints_file:
             path = Path(self.config.endpoints_file)
+            path.parent.mkdir(parents=True, exist_ok=True)
             part = path.with_name(f".{path.name}.{os.getpid()}")
             part.write_text(json.dumps(self.endpoints) + "\n", encoding="utf-8")
             part.replace(path)

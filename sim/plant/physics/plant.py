@@ -132,7 +132,7 @@ class Plant:
                 self._doubles -= 1
                 self._place(x + length, length)
                 taken += length
-        self._next_place = self.timeline.x + max(pitch, taken + _TOUCH_MM)
+        self._next_place = self.timeline.x + taken + max(pitch - length, _TOUCH_MM)
         self._schedule_feed()
 
     def _place(self, x: float, length: float) -> None:

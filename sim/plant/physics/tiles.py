@@ -150,6 +150,8 @@ class Truth:
 
     def __init__(self, keep: int, path: Path | None) -> None:
         self._keep = keep
+        if path:
+            path.parent.mkdir(parents=True, exist_ok=True)
         self._file = path.open("a", encoding="utf-8") if path else None
         self._tiles: OrderedDict[int, Tile] = OrderedDict()
         self._finished: deque[Tile] = deque()

@@ -84,11 +84,11 @@ def rtu_frame(unit: int, body: bytes) -> bytes:
     return frame + crc16(frame).to_bytes(2, "little")
 
 
-def rtu_answer(window: Window, frame: bytes) -> bytes | None:
-    """Answer a frame; None where a device on this line stays silent: a bad checksum or another unit."""
-    if len(frame) < 4 or crc16(frame[:-2]) != int.from_bytes(frame[-2:], "little") or frame[0] != window.unit:
+def rtu_request(unit: int, frame: bytes) -> bytes | None:
+    """Function code and data of a frame; None for what a device on this line is silent about: damage, other units."""
+    if len(frame) < 4 or crc16(frame[:-2]) != int.from_bytes(frame[-2:], "little") or frame[0] != unit:
         return None
-    return rtu_frame(window.unit, answer(window, frame[1:-2]))
+    return frame[1:-2]
 
 
 def tcp_frame(tid: int, unit: int, body: bytes) -> bytes:

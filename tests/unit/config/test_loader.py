@@ -480,7 +480,9 @@ def test_a_problem_found_later_gets_its_line_too(tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.parametrize("path", sorted(JOBS.glob("*.toml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path", [path for path in sorted(JOBS.glob("*.toml")) if "[slab]" in path.read_text()], ids=lambda path: path.stem
+)
 def test_shipped_jobs_are_in_order(path: Path) -> None:
     assert isinstance(load_job(path).job, Job)
 

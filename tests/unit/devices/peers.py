@@ -25,6 +25,10 @@ def plainly(frame: bytes, send: Send) -> None:
     send(frame)
 
 
+def mute(frame: bytes, send: Send) -> None:
+    pass
+
+
 def crc16(data: bytes) -> bytes:
     value = 0xFFFF
     for byte in data:

@@ -108,16 +108,12 @@ def test_a_late_answer_to_a_read_is_taken_for_that_to_a_write():
     asyncio.run(ours())
 
 
-def mute(frame: bytes, send: peers.Send) -> None:
-    pass
-
-
 def test_a_write_without_an_answer_is_sent_four_times():
     def writes(unit: peers.Unit) -> int:
         return sum(pdu[0] == 16 for pdu in unit.requests)
 
     async def plain() -> None:
-        unit = peers.plc(script=mute)
+        unit = peers.plc(script=peers.mute)
         async with peers.tcp_port(unit) as port:
             client = AsyncModbusTcpClient("127.0.0.1", port=port.port, timeout=0.02)
             await client.connect()
@@ -132,7 +128,7 @@ def test_a_write_without_an_answer_is_sent_four_times():
             session = PlcSession(endpoint)
             await session.connect()
             await session.poll()
-            unit.script = mute
+            unit.script = peers.mute
             with pytest.raises(DeviceTimeout):
                 await session.command(COMMAND)
             assert writes(unit) == 1

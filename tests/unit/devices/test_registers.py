@@ -113,7 +113,7 @@ def test_the_low_word_may_come_first():
 def test_swapped_words_are_told_as_such(registers):
     words = words_of(registers)
     words[3], words[4] = words[4], words[3]
-    with pytest.raises(ContentError, match="other order.* high word first"):
+    with pytest.raises(ContentError, match=r"other order.* high word first"):
         registers.decode(words)
 
 

@@ -23,6 +23,7 @@ from tilefab.io.journal import ArmChange, Intent, Journal, RunFacts, sqlite_url
 from tilefab.io.journal_schema import metadata
 from tilefab.io.journal_store import Store
 
+NO_SERVER = postgres_server.missing()
 LINE = "line 1"
 FACTS = RunFacts(job_hash="ab" * 32, name="a job", job_file="/jobs/a.toml", faces=20, seed=7, map_hash="cd" * 32)
 ROUTES = {
@@ -39,14 +40,11 @@ ROUTES = {
 
 @pytest.fixture(scope="module")
 def postgres() -> Iterator[str]:
-    reason = postgres_server.missing()
-    if reason:
-        pytest.skip(reason)
     with postgres_server.serving() as url:
         yield url
 
 
-@pytest.fixture(params=["sqlite", "postgresql"])
+@pytest.fixture(params=["sqlite"] if NO_SERVER else ["sqlite", "postgresql"])
 def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
     """Of a database that is still empty."""
     if request.param == "sqlite":
@@ -69,6 +67,11 @@ def journal(url: str) -> Iterator[Journal]:
 def bring(journal: Journal, arm: Intent, state: ArmState) -> None:
     """Bring an arm from intent to a state."""
     journal.mark([ArmChange(arm.arm_id, step) for step in ROUTES[state]])
+
+
+@pytest.mark.skipif(bool(NO_SERVER), reason=f"the journal is tried on SQLite only: {NO_SERVER}")
+def test_all_of_this_is_tried_on_postgresql_too(postgres: str) -> None:
+    assert postgres.startswith("postgresql://")
 
 
 def test_sessions_rise_and_outlive_the_daemon(url: str) -> None:

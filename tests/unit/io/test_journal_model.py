@@ -254,5 +254,5 @@ class JournalModel(RuleBasedStateMachine):
         )
 
 
-JournalModel.TestCase.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
+JournalModel.TestCase.settings = settings(max_examples=40, stateful_step_count=30, deadline=None)
 TestJournalModel = JournalModel.TestCase

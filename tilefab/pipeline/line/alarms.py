@@ -1,317 +1,272 @@
-"""Every alarm that a line can raise: what it means and what an operator does about it.
-
-The table in ``docs/line_operator.md`` is made from this: ``python -m tilefab.pipeline.line.alarms docs/line_operator.md``.
-"""
+"""What each alarm of a line means, and what an operator does about it."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import datetime
-from pathlib import Path
-
-from tilefab.control.line_machine import Alarm
-from tilefab.io.atomic import atomic_write_bytes
-from tilefab.pipeline.line.status import AlarmView
-
-_BEGIN = "<!-- alarms: made from the code by make docs -->\n"
-_END = "<!-- end of alarms -->\n"
 
 
 @dataclass(frozen=True)
-class AlarmKind:
-    """A kind of alarm.
+class AlarmText:
+    """What is said about a kind of alarm.
 
     Attributes
     ----------
+    title
+        In a few words.
     meaning
-        What it tells.
-    cause
-        What is usually behind it.
+        What happened, and what the line has done about it by itself.
     what_to_do
-        What an operator does before he acknowledges it.
-    stops
-        Whether the line holds or stops for it.
+        By the operator.
     """
 
+    title: str
     meaning: str
-    cause: str
     what_to_do: str
-    stops: bool = True
 
 
-CATALOGUE: Mapping[str, AlarmKind] = {
-    "e_stop": AlarmKind(
-        "an emergency stop was pressed",
-        "somebody saw danger",
-        "See that nobody is in danger and nothing lies where it can be caught. Pull the button out, acknowledge, start.",
+_THEN_RESUME = "Then acknowledge and resume."
+_CABLES = "See to its power and cable. The line notices by itself when it is back; then acknowledge and resume."
+_CLEAR_BELT = "Look at the belt between eye and diverter and put right what lies wrong; take off what can't stay."
+_SCRAP = "Tiles whose place isn't known any more go to scrap by themselves."
+
+ALARMS: Mapping[str, AlarmText] = {
+    "e_stop": AlarmText(
+        "Emergency stop",
+        "A button was pressed. Belt and printer stopped at once; a face that was being printed is incomplete and its "
+        "tile goes to scrap. Nothing starts again by itself.",
+        "Make sure that nobody is in danger, then pull out the button, acknowledge, and start.",
     ),
-    "jam": AlarmKind(
-        "tiles are jammed on the belt",
-        "a tile turned, broke or caught on a guide",
-        "Clear the belt: take every tile between eye and diverter off it. Acknowledge, resume.",
+    "jam": AlarmText(
+        "Tiles are jammed",
+        "The conveyor saw a tile that doesn't move on. The belt stands.",
+        f"Clear the jam. {_SCRAP} {_THEN_RESUME}",
     ),
-    "double_feed": AlarmKind(
-        "two tiles came at once, or one of the wrong length",
-        "loader out of step, a broken tile, the wrong format loaded, dirt on the photo-eye",
-        "Take the tiles off the belt, see to loader and photo-eye, compare the format with the job. Acknowledge, resume.",
+    "double_feed": AlarmText(
+        "Two tiles at once",
+        "A tile was too long, or too close to the one before: two may lie on each other or end to end. The belt stands "
+        "before a face is printed across both.",
+        f"{_CLEAR_BELT} See to the loader if it comes again, and to the tile size of the job. {_THEN_RESUME}",
     ),
-    "diverter_fault": AlarmKind(
-        "the diverter doesn't move as it should",
-        "no air, a piece of tile in its way, a limit switch",
-        "Free the diverter and see that it swings by hand. Until it does every tile goes to scrap. Acknowledge, resume.",
+    "tile_missing": AlarmText(
+        "A tile didn't come to the head",
+        "The eye saw a tile, but nothing was printed when its turn came. Its face was not printed and comes again by "
+        "itself on a later tile. The line goes on.",
+        "Acknowledge. If it comes often, see whether tiles slip, or are taken off between eye and head.",
     ),
-    "tiles_disagree": AlarmKind(
-        "printer and conveyor don't agree where tiles are",
-        "dirt on the photo-eye, one of the two signal cables loose, the encoder's wheel slipping",
-        "Wipe the photo-eye, see to the cables of eye and encoder at both cabinets. Acknowledge, resume: tiles on the "
-        "belt go to scrap.",
+    "tiles_missed": AlarmText(
+        "Tiles went by unnoticed",
+        "The printer saw more tiles than the daemon heard of in time. They have no face; the diverter scraps them.",
+        "Acknowledge and resume. If it comes again, see whether the printer's serial line is disturbed.",
     ),
-    "tiles_missed": AlarmKind(
-        "tiles passed the eye without the line hearing of them in time",
-        "the connection to the printer was disturbed",
-        "See to the printer's serial cable. Acknowledge, resume: those tiles go to scrap.",
+    "tiles_disagree": AlarmText(
+        "Printer and conveyor disagree about tiles",
+        "The two count the same tiles and the same belt, but don't agree any more: one of them missed a tile or an "
+        "encoder count. The line can't be sure which face lies on which tile.",
+        f"{_CLEAR_BELT} Clean the eye; check the encoder's coupling and cables. {_SCRAP} {_THEN_RESUME}",
     ),
-    "tile_lost": AlarmKind(
-        "the conveyor no longer knows what became of a tile",
-        "the line was cut off from the conveyor for long",
-        "Look whether the tile passed or was scrapped, and settle its face. Acknowledge, resume.",
+    "tile_lost": AlarmText(
+        "A tile's fate isn't known",
+        "The conveyor no longer remembers whether a printed tile passed. Its face is in doubt.",
+        "Find out whether the tile went to the kiln or to scrap and settle its face; then acknowledge and resume.",
     ),
-    "tile_missing": AlarmKind(
-        "nothing was printed for a tile",
-        "the tile was taken off the belt before the head",
-        "Nothing: the face comes again on a later tile.",
-        stops=False,
+    "good_tile_diverted": AlarmText(
+        "A good tile went to scrap",
+        "A tile with a whole face was diverted: it was released too late, or the diverter didn't obey. The face counts "
+        "as printed and doesn't come again by itself.",
+        f"Order a reprint of the face if it is wanted. See to the diverter if it comes again. {_THEN_RESUME}",
     ),
-    "armed_late": AlarmKind(
-        "a tile got no face in time and goes to scrap",
-        "the computer was busy, or the eye is too near to the head for this speed",
-        "If it comes often: end other programs on the line's computer, or slow the recipe's belt.",
-        stops=False,
+    "diverter_fault": AlarmText(
+        "The diverter doesn't move",
+        "The diverter isn't where the conveyor wants it. The belt stands, so that no scrap gets into the kiln.",
+        f"See to the diverter. {_SCRAP} {_THEN_RESUME}",
     ),
-    "good_tile_diverted": AlarmKind(
-        "a tile with a good face went to scrap",
-        "released too late, or the diverter swung by itself",
-        "Order a reprint of that face if the batch must be whole. See to the diverter. Acknowledge, resume.",
+    "armed_late": AlarmText(
+        "A tile came too late for a face",
+        "A tile was too close to the head when its face was ready. It stays blank and goes to scrap; no face is lost. "
+        "The line goes on.",
+        "Acknowledge. If it comes often, lower the belt's speed in the recipe, or widen the gap between tiles.",
     ),
-    "partial": AlarmKind(
-        "a face was printed only in part",
-        "the belt stopped hard, ink or data ran out in the middle of a face",
-        "The tile goes to scrap by itself. Find out what stopped the print; order a reprint of the face. Acknowledge, "
-        "resume.",
+    "arm_refused": AlarmText(
+        "The printer refused a face",
+        "The printer didn't take a command that it should have taken; another program may command it.",
+        f"Make sure that only this daemon is connected to the printer. {_THEN_RESUME}",
     ),
-    "wrong_data": AlarmKind(
-        "a face was printed from other data than was sent",
-        "a defect of the printer's memory or network",
-        "The tile goes to scrap by itself. Order a reprint; if it comes again call the printer's maker.",
+    "underrun": AlarmText(
+        "A face reached the printer too late",
+        "Rows were missing when the head needed them. The face is incomplete and its tile goes to scrap; the printer "
+        "holds.",
+        "See whether the computer or its network is busy with something else, or lower the belt's speed in the recipe. "
+        f"{_THEN_RESUME} Order a reprint of the face if it is wanted.",
     ),
-    "underrun": AlarmKind(
-        "data of a face reached the printer too late",
-        "network or computer too slow for this speed",
-        "See to the network between computer and printer; slow the recipe's belt if it comes again. Acknowledge, resume.",
+    "partial": AlarmText(
+        "A face is incomplete",
+        "The printer printed only some of a face's rows. Its tile goes to scrap, and the face doesn't come again by "
+        "itself.",
+        f"See what stopped the printer. {_THEN_RESUME} Order a reprint of the face if it is wanted.",
     ),
-    "streaming": AlarmKind(
-        "faces can't be sent to the printer",
-        "network to the printer broken, its data port off",
-        "See to the network cable of the printer. Acknowledge, resume.",
+    "wrong_data": AlarmText(
+        "A face was printed from damaged data",
+        "The checksum that the printer tells isn't that of the face that was sent. Its tile goes to scrap.",
+        f"Check the network to the printer. {_THEN_RESUME} Order a reprint of the face if it is wanted.",
     ),
-    "ink_out": AlarmKind(
-        "the printer is out of an ink",
-        "tank empty, a valve closed",
-        "Fill the tank, run the printer's own purge, look at a test print. Acknowledge, resume.",
+    "streaming": AlarmText(
+        "Faces can't be sent to the printer",
+        "The connection that faces are sent over failed again and again, or a face couldn't be rendered.",
+        f"Read the alarm's text; check the network to the printer. {_THEN_RESUME}",
     ),
-    "nozzle_out": AlarmKind(
-        "the printer reports a nozzle that doesn't fire",
-        "dried or dirty nozzle",
-        "Clean the head as its maker says, look at a test print. Acknowledge, resume.",
+    "ink_out": AlarmText(
+        "No ink",
+        "An ink of the printer is empty. No further face is begun.",
+        f"Refill it. {_THEN_RESUME}",
     ),
-    "printer_held": AlarmKind(
-        "the printer holds by itself",
-        "somebody pressed hold at its panel, a cover is open",
-        "Look at the printer's panel and covers. Acknowledge, resume.",
+    "nozzle_out": AlarmText(
+        "A nozzle failed",
+        "The printer found a nozzle that doesn't print. No further face is begun.",
+        f"Clean the head as the printer's maker says. {_THEN_RESUME}",
     ),
-    "printer_not_ready": AlarmKind(
-        "the printer can't be made ready",
-        "ink or nozzles out, its own stop pressed",
-        "See to its ink, nozzles and stop button. Acknowledge, resume.",
+    "printer_held": AlarmText(
+        "The printer holds",
+        "The printer holds without having been told so: at its own panel, or after a fault of its own.",
+        f"Look at the printer's panel. {_THEN_RESUME}",
     ),
-    "printer_rebooted": AlarmKind(
-        "the printer was restarted",
-        "its power failed, somebody switched it",
-        "Nothing to find out: it is asked what it printed. Acknowledge, resume; tiles on the belt go to scrap.",
+    "printer_rebooted": AlarmText(
+        "The printer was restarted",
+        "The printer lost its counts of belt and tiles. What it had begun is incomplete; what it hadn't comes again.",
+        f"See why it restarted. {_SCRAP} {_THEN_RESUME}",
     ),
-    "printer_changed": AlarmKind(
-        "another printer answers than before, or it was set up anew",
-        "inks or encoder were changed",
-        "Compare inks and encoder with the job's profile. Acknowledge, start.",
+    "printer_changed": AlarmText(
+        "Another printer",
+        "The printer tells of other inks or another encoder than when the daemon started. Nothing is printed with it.",
+        "Put the right printer back, or end the daemon, correct line file and jobs, and start it anew.",
     ),
-    "printer_confused": AlarmKind(
-        "the printer tells of faces that it wasn't given like that",
-        "another computer commands it, or it has a defect",
-        "See that no other computer is connected to it. Settle the faces in doubt. Acknowledge, resume.",
+    "printer_confused": AlarmText(
+        "The printer contradicts itself",
+        "What the printer tells of a face doesn't fit what it was given. The face is in doubt or goes to scrap.",
+        "Restart the printer. Settle faces in doubt, if there are any; then acknowledge and resume.",
     ),
-    "arm_refused": AlarmKind(
-        "the printer refused a face",
-        "another computer commands it, or job and printer don't fit",
-        "See that no other computer is connected to it; check size and resolution of the job. Acknowledge, resume.",
+    "deadman_printer": AlarmText(
+        "The printer heard nothing",
+        "The daemon was silent towards the printer for more than half a second, so the printer holds by itself.",
+        f"See whether the computer was overloaded or the cable was off. {_THEN_RESUME}",
     ),
-    "deadman_printer": AlarmKind(
-        "the printer heard nothing for half a second and holds",
-        "cable, or a busy computer",
-        "See to the printer's serial cable and to what else runs on the computer. Acknowledge, resume.",
+    "deadman_plc": AlarmText(
+        "The conveyor heard nothing",
+        "The daemon was silent towards the conveyor for more than half a second, so the belt stopped by itself.",
+        f"See whether the computer was overloaded or the cable was off. {_THEN_RESUME}",
     ),
-    "deadman_plc": AlarmKind(
-        "the conveyor heard nothing for half a second and stopped",
-        "cable, or a busy computer",
-        "See to the conveyor's cable and to what else runs on the computer. Acknowledge, resume.",
+    "plc_rebooted": AlarmText(
+        "The conveyor's controller was restarted",
+        "It lost its counts and every release. Tiles on the belt go to scrap unless it is certain which they are.",
+        f"See why it restarted. {_THEN_RESUME}",
     ),
-    "plc_rebooted": AlarmKind(
-        "the conveyor's controller was restarted",
-        "its power failed, somebody switched it or loaded a program",
-        "See why. Acknowledge, resume; tiles on the belt go to scrap.",
+    "plc_refused": AlarmText(
+        "The conveyor refused a command",
+        "The conveyor's controller didn't take what the recipe asks for.",
+        "Compare the recipe's speed and the job's tile size with what the conveyor can do. " + _THEN_RESUME,
     ),
-    "plc_refused": AlarmKind(
-        "the conveyor's controller refused a command",
-        "the recipe asks for more than it allows, or its program was changed",
-        "Compare speed and tile size with the conveyor's limits. Acknowledge, resume.",
+    "plc_lost": AlarmText(
+        "The conveyor doesn't answer",
+        "No sound answer for more than 0.35 s. The belt stops by itself after half a second.",
+        _CABLES,
     ),
-    "plc_lost": AlarmKind(
-        "the conveyor's controller doesn't answer",
-        "power, cable, network",
-        "See to its power and cable; the line notices by itself when it is back. Acknowledge, resume.",
+    "printer_lost": AlarmText(
+        "The printer doesn't answer",
+        "No sound answer for more than 0.35 s. It finishes the face it has begun and holds by itself.",
+        _CABLES,
     ),
-    "printer_lost": AlarmKind(
-        "the printer doesn't answer",
-        "power, cable",
-        "See to its power and cable; the line notices by itself when it is back. Acknowledge, resume.",
+    "kiln_lost": AlarmText(
+        "The kiln doesn't answer",
+        "No sound answer from its controller. It goes on firing as it is set; no further tile is printed.",
+        _CABLES,
     ),
-    "kiln_lost": AlarmKind(
-        "the kiln's controller doesn't answer",
-        "power, cable, network",
-        "See to the kiln itself first, then to its controller's power and cable. Acknowledge, resume.",
+    "gauge_lost": AlarmText(
+        "The gauge doesn't answer",
+        "No sound answer from the instrument behind the kiln.",
+        _CABLES,
     ),
-    "gauge_lost": AlarmKind(
-        "the gauge doesn't answer",
-        "power, cable",
-        "See to its power and cable; the line notices by itself when it is back. Acknowledge, resume.",
+    "kiln_burner": AlarmText(
+        "A burner failed",
+        "The kiln reports a burner out of order. No further tile is sent in.",
+        f"See to the kiln as its maker says. {_THEN_RESUME}",
     ),
-    "kiln_burner": AlarmKind(
-        "a burner of the kiln failed",
-        "gas, ignition",
-        "See to the burner as its maker says; no tile may be fed until the zone is hot again. Acknowledge, resume.",
+    "kiln_over_temp": AlarmText(
+        "The kiln is too hot",
+        "A zone is above what the kiln's own guard allows. No further tile is sent in.",
+        f"See to the kiln as its maker says. {_THEN_RESUME}",
     ),
-    "kiln_over_temp": AlarmKind(
-        "the kiln is too hot",
-        "a zone's control or thermocouple failed",
-        "Act as the kiln's maker says. Acknowledge and resume only when it is back within bounds.",
+    "kiln_blocked": AlarmText(
+        "The kiln takes no tiles",
+        "Its entry is blocked, or it is full.",
+        f"See to its entry. {_THEN_RESUME}",
     ),
-    "kiln_blocked": AlarmKind(
-        "the kiln takes no tiles",
-        "its entry is full or its rollers stand",
-        "Clear its entry. Acknowledge, resume.",
+    "kiln_zone": AlarmText(
+        "A zone is off its set-point",
+        "A zone of the kiln has been farther from its set-point than the line's file allows for a while. The line goes "
+        "on.",
+        "See to the zone; hold the line if the tiles come out wrong. Acknowledge.",
     ),
-    "kiln_zone": AlarmKind(
-        "a zone of the kiln is off its set-point",
-        "a burner, a draught, a gap in the ware",
-        "See to the zone; hold the line if the colour of fired tiles changes.",
-        stops=False,
+    "faces_in_doubt": AlarmText(
+        "Faces in doubt",
+        "Nobody can tell from the devices whether these faces were printed, or where their tiles are. The tiles go to "
+        "scrap; the faces come again only if you say so.",
+        "`tilefab line status` names the faces. Settle each: passed or diverted if you found its tile, unprinted if it "
+        "is to come again. Acknowledge and resume; they may also be settled later.",
     ),
-    "faces_in_doubt": AlarmKind(
-        "nobody can tell whether some faces were printed",
-        "power or memory was lost in the wrong moment",
-        "Their tiles go to scrap. Look at them, and tell for each: `tilefab line settle FACE printed` or `unprinted`. "
-        "Acknowledge, resume.",
+    "changeover_failed": AlarmText(
+        "The next job can't be taken up",
+        "The job can't be opened: the alarm's text says why.",
+        "Put right what the text says, or queue another job; then acknowledge and resume.",
     ),
-    "not_ready": AlarmKind(
-        "the line can't be brought up",
-        "what the alarm says",
-        "Put right what it says. Acknowledge, resume.",
+    "not_ready": AlarmText(
+        "A device isn't ready",
+        "A device reports something that keeps the line from running: the alarm's text says what.",
+        "Put right what the text says; then acknowledge and resume.",
     ),
-    "not_reconciled": AlarmKind(
-        "it couldn't be found out what became of the last faces",
-        "a device stopped answering meanwhile, or the belt was moved",
-        "See that the belt stands and all devices answer. Acknowledge, resume.",
+    "not_reconciled": AlarmText(
+        "What became of the last faces isn't known yet",
+        "A device failed while the line was finding out what became of the last faces. Nothing moved.",
+        "Put right what the text says; then acknowledge and resume.",
     ),
-    "changeover_failed": AlarmKind(
-        "the next job can't be taken up",
-        "its maps or its profile are gone, or it doesn't fit the printer",
-        "Put right what it says. Acknowledge, resume; or stop, and queue another job.",
+    "journal": AlarmText(
+        "The journal can't be written",
+        "Without its journal the line would not know what it has printed, so it doesn't print.",
+        "See to the disk or the database that holds it: full, read-only, not reachable. Acknowledge, then start.",
     ),
-    "no_job": AlarmKind(
-        "there is no job to print",
-        "the queue is empty",
-        "Queue a job: `tilefab line queue JOB`. Acknowledge, resume.",
+    "journal_behind": AlarmText(
+        "The journal is older than the printer's memory",
+        "The printer remembers faces that this journal doesn't know: the journal was lost, or put back from a copy. "
+        "Faces printed meanwhile may come again.",
+        "Compare the last tiles with the journal before going on. Then acknowledge.",
     ),
-    "journal": AlarmKind(
-        "the journal can't be written",
-        "disk full or failing, database gone",
-        "Make room on the disk, or bring the database back. Acknowledge, start. Nothing is printed without a journal.",
-    ),
-    "journal_behind": AlarmKind(
-        "the printer remembers faces that the journal doesn't know",
-        "the journal was lost, or restored from an old copy",
-        "Find out which faces of the batch were printed since that copy was made, before more are printed.",
-        stops=False,
-    ),
-    "defect": AlarmKind(
-        "a defect of tilefab",
-        "unknown",
-        "Keep the log and report it. Acknowledge, start.",
+    "defect": AlarmText(
+        "A defect of tilefab",
+        "Something happened in the daemon that must not happen. It stopped the line.",
+        "Send the log to tilefab's makers. Acknowledge and start; restart the daemon if it comes again.",
     ),
 }
-"""By code."""
+"""By code, in the order in which they are documented."""
 
-UNKNOWN = AlarmKind("unknown to this version", "unknown", "See what it says, put it right. Acknowledge, resume.")
+GENERAL = AlarmText(
+    "Something is wrong",
+    "The alarm's text says what.",
+    "Put right what the text says; then acknowledge and resume.",
+)
+"""For codes that nothing else is said about."""
 
 
-def alarm_views(alarms: Iterable[Alarm], since: Mapping[int, datetime]) -> tuple[AlarmView, ...]:
-    """Alarms as an operator sees them.
+def alarm_text(code: str) -> AlarmText:
+    """What is said about an alarm.
 
-    Parameters
-    ----------
-    alarms
-        Those that are up.
-    since
-        When each was raised, by number.
+    >>> alarm_text("ink_out").title
+    'No ink'
     """
-    return tuple(
-        AlarmView(
-            number=alarm.number,
-            code=alarm.code,
-            since=since[alarm.number].isoformat(timespec="seconds") if alarm.number in since else "",
-            message=alarm.text,
-            what_to_do=CATALOGUE.get(alarm.code, UNKNOWN).what_to_do,
-            acked=alarm.acked,
-        )
-        for alarm in alarms
-    )
+    return ALARMS.get(code, GENERAL)
 
 
 def alarm_table() -> str:
-    """All kinds of alarms as a table in Markdown."""
-    rows = ["| alarm | it means | usual cause | what to do |", "| --- | --- | --- | --- |"]
-    for code, kind in sorted(CATALOGUE.items()):
-        name = f"`{code}`" if kind.stops else f"`{code}` (the line goes on)"
-        rows.append(f"| {name} | {kind.meaning} | {kind.cause} | {kind.what_to_do} |")
+    """All alarms, as a table in Markdown."""
+    rows = ["| alarm | what it means | what to do |", "| --- | --- | --- |"]
+    for code, text in ALARMS.items():
+        rows.append(f"| **{text.title}** (`{code}`) | {text.meaning} | {text.what_to_do} |")
     return "\n".join(rows) + "\n"
-
-
-def with_table(page: str) -> str:
-    """A page with its table of alarms made anew.
-
-    Raises
-    ------
-    ValueError
-        If the page has no place for it.
-    """
-    before, begin, rest = page.partition(_BEGIN)
-    _, end, after = rest.partition(_END)
-    if not begin or not end:
-        raise ValueError("the page has no place for the table of alarms")
-    return f"{before}{begin}\n{alarm_table()}\n{end}{after}"
-
-
-if __name__ == "__main__":
-    PAGE = Path(sys.argv[1])
-    atomic_write_bytes(PAGE, with_table(PAGE.read_text()).encode())

@@ -242,6 +242,10 @@ class LineDaemon:
             self._filling = True
             self._start(self._fill(self._book))
 
+    def releases_wanted(self) -> None:
+        """Tiles are to be released as soon as can be."""
+        self.plc_link.hurry()
+
     def tile_done(self, passed: bool) -> None:
         """A tile with a face was decided."""
         self.tiles_passed += passed

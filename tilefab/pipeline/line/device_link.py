@@ -178,6 +178,8 @@ class DeviceLink(Generic[S]):
             await asyncio.sleep(0)
             self._wake.clear()
             return
+        # Not `asyncio.wait_for`: when both come at once, that of Python 3.11 takes a wake for a cancellation's end.
         with suppress(TimeoutError):
-            await asyncio.wait_for(self._wake.wait(), left)
+            async with asyncio.timeout(left):
+                await self._wake.wait()
         self._wake.clear()

@@ -45,5 +45,8 @@ class LineHost(Protocol):
     def faces_wanted(self) -> None:
         """Ask for more faces to be put down in the journal."""
 
+    def releases_wanted(self) -> None:
+        """Ask for tiles to be released as soon as can be."""
+
     def tile_done(self, passed: bool) -> None:
         """Tell that a tile with a face was decided."""

@@ -68,7 +68,7 @@ class LineLog:
         self._handlers = handlers
         self._lost = 0
         self._queue: queue.Queue[logging.LogRecord] = queue.Queue(_WAITING)
-        self._listener = logging.handlers.QueueListener(self._queue, *handlers)
+        self._listener = _Listener(self._queue, *handlers)
         self._listener.start()
 
     def __enter__(self) -> LineLog:
@@ -128,6 +128,12 @@ class LineLog:
         for secret in self._secrets:
             text = text.replace(secret, _HIDDEN)
         return _BEARER.sub(f"Bearer {_HIDDEN}", _URL_PASSWORD.sub(rf"\1:{_HIDDEN}", text))
+
+
+class _Listener(logging.handlers.QueueListener):
+    def enqueue_sentinel(self) -> None:
+        """Wait for room, where the library fails on a full queue."""
+        self.queue.put(self._sentinel)  # type: ignore[attr-defined]
 
 
 class _File(logging.handlers.RotatingFileHandler):

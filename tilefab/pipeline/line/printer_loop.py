@@ -410,6 +410,7 @@ class PrinterLoop:
         for change in changes:
             if change.state is ArmState.PRINTED and book is not None and change.arm_id in book.active:
                 book.update(change.arm_id, asked_release=True)
+                self._host.releases_wanted()
 
     async def written(self) -> None:
         """Wait until everything begun is in the journal."""

@@ -100,8 +100,8 @@ class LineStatus:
         Faces of the present job.
     counts
         Attempts of the present run by what became of them; see `tilefab.control.ledger.ArmState`.
-    in_doubt
-        Faces of which nobody knows whether they were printed.
+    in_doubt, faces_in_doubt
+        How many faces nobody knows the fate of, and the numbers of the first of them.
     belt_running, belt_speed_mm_s
         As the conveyor tells.
     faces_per_minute
@@ -136,6 +136,7 @@ class LineStatus:
     faces_wanted: int = 0
     counts: Mapping[str, int] = field(default_factory=dict)
     in_doubt: int = 0
+    faces_in_doubt: tuple[int, ...] = ()
     belt_running: bool = False
     belt_speed_mm_s: float = 0.0
     faces_per_minute: float = 0.0
@@ -167,7 +168,7 @@ class LineStatus:
         facts = _known(LineStatus, value)
         for key, item in (("alarms", AlarmView), ("last_faces", FaceView)):
             facts[key] = tuple(_view(item, entry) for entry in _list(facts.get(key, ())))
-        for key in ("ink_names", "ink_frac", "kiln_degc", "kiln_set_degc", "queue"):
+        for key in ("faces_in_doubt", "ink_names", "ink_frac", "kiln_degc", "kiln_set_degc", "queue"):
             facts[key] = tuple(_list(facts.get(key, ())))
         devices = facts.get("devices", {})
         if not isinstance(devices, Mapping):

@@ -143,16 +143,14 @@ def test_a_printer_without_a_session_has_no_dead_man():
         ({"channels": 0}, ArmAnswer.BAD_GEOMETRY),
         ({"bits": 16}, ArmAnswer.BAD_GEOMETRY),
         ({"start_encoder": 0}, ArmAnswer.TOO_LATE),
-        ({"arm_id": 0}, ArmAnswer.NOT_ABOVE),
+        ({"arm": 0}, ArmAnswer.NOT_ABOVE),
     ],
 )
 def test_an_order_is_accepted_or_refused_for_its_reason(changes, answer):
     bench = Bench()
     bench.start()
     bench.wait_for_tile()
-    assert (
-        bench.arm(**({"arm": 1} | {("arm" if name == "arm_id" else name): v for name, v in changes.items()})) is answer
-    )
+    assert bench.arm(**({"arm": 1} | changes)) is answer
     assert bench.head.memory.last_accepted == (1 if answer is ArmAnswer.ACCEPTED else 0)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from sim.plant.checks import crc16
-from sim.plant.wire.modbus import answer, rtu_answer, rtu_length, tcp_answer
+from sim.plant.wire.modbus import answer, rtu_frame, rtu_length, rtu_request, tcp_answer
 from sim.plant.wire.window import PlcWindow
 from tests.unit.sim.plant.physics_bench import Bench
 
@@ -63,15 +63,16 @@ def test_tcp_frames_carry_number_and_unit(window):
     assert tcp_answer(window, raw("0001 0000 0006 07 03 0003 0002")) == raw("0001 0000 0003 07 83 0b")
 
 
-def test_rtu_frames_carry_unit_and_checksum(window):
-    assert rtu_answer(window, framed("01 03 0003 0002")) == framed("01 03 04 01020304")
+def test_rtu_frames_carry_unit_and_checksum():
+    assert rtu_request(1, framed("01 03 0003 0002")) == raw("03 0003 0002")
+    assert rtu_frame(1, raw("03 04 01020304")) == framed("01 03 04 01020304")
 
 
 @pytest.mark.parametrize(
     "frame", [framed("02 03 0003 0002"), framed("00 06 0022 0001"), raw("01030003000200"), b"\x01", b""]
 )
-def test_a_slave_is_silent_about_what_is_not_for_it_or_damaged(window, frame):
-    assert rtu_answer(window, frame) is None
+def test_a_slave_is_silent_about_what_is_not_for_it_or_damaged(frame):
+    assert rtu_request(1, frame) is None
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import random
 import tracemalloc
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
@@ -50,7 +51,7 @@ def test_the_loader_keeps_pitch_and_jitter_and_stops_when_told():
     bench.start()
     bench.until_travel(20000)
     tiles = bench.tiles()
-    gaps = [b.lead_x - a.lead_x for a, b in zip(tiles, tiles[1:], strict=False)]
+    gaps = [b.lead_x - a.lead_x for a, b in pairwise(tiles)]
     assert all(680 <= gap <= 720 for gap in gaps)
     assert max(gaps) - min(gaps) > 10
     assert all(598 <= tile.length_mm <= 602 for tile in tiles)
@@ -258,7 +259,7 @@ def test_runs_of_numbers_are_a_set(numbers):
         plain.add(number)
     runs = list(kept)
     assert {n for first, last in runs for n in range(first, last + 1)} == plain
-    assert all(b[0] - a[1] > 1 for a, b in zip(runs, runs[1:], strict=False))
+    assert all(b[0] - a[1] > 1 for a, b in pairwise(runs))
 
 
 def test_the_same_seed_makes_the_same_plant():

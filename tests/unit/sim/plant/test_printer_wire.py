@@ -112,7 +112,7 @@ def test_status_tells_how_the_printer_is():
     assert values[0] == bench.head.boot_id
     assert values[1] == 0b1000001
     assert values[2] == bench.head.encoder
-    assert values[3:8] == (bench.head.detect_seq, 9, 0, 0, (64 << 20) - 300 * 40)
+    assert values[3:8] == (bench.head.detect_seq, 9, 0, 0, (512 << 20) - 300 * 40)
     bench.until_travel(800 + EYE_TO_HEAD + 600)
     values = struct.unpack("<IHQIQQBI8HH", line.ask(2)[1])
     assert values[5] == 9

@@ -1,0 +1,363 @@
+"""A whole line for tests and benchmarks: a simulated plant as a process, daemons that can be killed, and a judge.
+
+The plant is the real `tilefab-sim` on real sockets and ptys. Daemons are forked from a process that has everything loaded,
+so that one can be killed and the next be at work within half a second.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hashlib
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+
+from tilefab.config import load_job
+from tilefab.config.line import LineFile, load_line
+from tilefab.control import line_machine as machine
+from tilefab.control.ledger import ArmState
+from tilefab.control.line_machine import LineState
+from tilefab.io.journal import ArmRecord, Journal
+from tilefab.pipeline.line.daemon import LineDaemon
+from tilefab.pipeline.line.jobs import LineJob, line_job
+from tilefab.pipeline.line.source import FaceSource, open_source
+from tilefab.pipeline.plan import plan_job
+from tilefab.pipeline.progress import Silent
+
+JOB = """\
+schema_version = 1
+[job]
+name = "{name}"
+[slab]
+scans = ["slab.tif"]
+square = false
+lighting = false
+[texture]
+crops = 64
+seed = {seed}
+[tile]
+size_mm = [{width}, {length}]
+dpi = {dpi}
+count = {count}
+bleed_mm = 1
+[colour]
+press_profile = "demo_ceramic.icc"
+ink_limit_percent = 260
+[output]
+directory = "{name}"
+[report]
+pdf = false
+[line]
+recipe = "{recipe}"
+"""
+
+LINE = """\
+[line]
+name = "workshop"
+state_directory = "state"
+stream_strip_rows = 16
+[plc]
+endpoint = "{plc}"
+[printer]
+control = "{printer_control}"
+data = "{printer_data}"
+{more}
+[recipes.default]
+belt_speed_mm_s = {speed}
+tile_gap_mm = 40.0
+"""
+
+PLANT = """\
+keep_tiles = 50000
+[clock]
+rate = {rate}
+[printer]
+control = "pty:printer"
+verify = "sha256"
+boot_seconds = 0.15
+[plc]
+rtu = "pty:plc"
+boot_seconds = 0.15
+[gauge]
+pty = "pty:gauge"
+"""
+
+
+def write_slab(folder: Path) -> None:
+    """A small made-up stone."""
+    random = np.random.default_rng(1)
+    coarse = random.integers(0, 256, (13, 15, 3)).repeat(8, axis=0).repeat(8, axis=1)
+    pixels = np.clip(coarse + random.integers(-20, 21, (*coarse.shape[:2], 1)), 0, 255).astype(np.uint8)
+    tifffile.imwrite(
+        folder / "slab.tif", pixels, photometric="rgb", resolution=(60, 60), resolutionunit="INCH"
+    )
+
+
+def write_job(folder: Path, *, name: str = "job", **changes: Any) -> Path:
+    """Write a job file; see `JOB` for what may be changed."""
+    facts = {"seed": 7, "width": 60, "length": 64, "dpi": 30, "count": 20, "recipe": "default"} | changes
+    path = folder / f"{name}.toml"
+    path.write_text(JOB.format(name=name, **facts))
+    return path
+
+
+def write_line(folder: Path, endpoints: Mapping[str, str], *, rtu: bool = False, speed: float = 200.0, more: str = "") -> Path:
+    """Write the line's file for a plant."""
+    path = folder / "line.toml"
+    plc = endpoints["plc_rtu" if rtu else "plc_tcp"]
+    names = {name: endpoints[name] for name in ("printer_control", "printer_data")}
+    path.write_text(LINE.format(plc=plc, speed=speed, more=more, **names))
+    return path
+
+
+class PlantProcess:
+    """A running `tilefab-sim`, and its control port."""
+
+    def __init__(self, folder: Path, *, rate: float = 60.0, plant: str = PLANT) -> None:
+        file = folder / "plant.toml"
+        file.write_text(plant.format(rate=rate))
+        self.folder = folder
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", "from sim.plant.main import main; main()", str(file)],
+            stdout=subprocess.PIPE,
+            stdin=subprocess.DEVNULL,
+            text=True,
+        )
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        if not line:
+            raise RuntimeError("the simulator didn't start")
+        self.endpoints: dict[str, str] = json.loads(line)
+        host, _, port = self.endpoints["control"].removeprefix("tcp://").rpartition(":")
+        self._socket = socket.create_connection((host, int(port)))
+        self._lines = self._socket.makefile("r")
+
+    def do(self, what: str, **arguments: Any) -> dict[str, Any]:
+        """Carry out a command of the control port."""
+        self._socket.sendall((json.dumps({"do": what, **arguments}) + "\n").encode())
+        reply: dict[str, Any] = json.loads(self._lines.readline())
+        if "error" in reply:
+            raise ValueError(reply["error"])
+        return reply
+
+    def fault(self, device: str, kind: str, **arguments: Any) -> None:
+        """Set a fault."""
+        self.do("fault", device=device, kind=kind, **arguments)
+
+    def close(self) -> None:
+        """End it."""
+        self._lines.close()
+        self._socket.close()
+        self._process.terminate()
+        self._process.communicate()
+
+    @property
+    def pid(self) -> int:
+        """Its process."""
+        return self._process.pid
+
+
+@contextlib.contextmanager
+def plant_process(folder: Path, **options: Any) -> Iterator[PlantProcess]:
+    """Run a plant for as long as the block lasts."""
+    plant = PlantProcess(folder, **options)
+    try:
+        yield plant
+    finally:
+        plant.close()
+
+
+@dataclass
+class Workplace:
+    """A line with its job loaded, to fork daemons from.
+
+    Attributes
+    ----------
+    line
+        The line's file.
+    job
+        Its job.
+    source
+        The job's faces.
+    """
+
+    line: LineFile
+    job: LineJob
+    source: FaceSource
+    daemons: int = 0
+
+    @classmethod
+    def open(cls, job_path: Path, line_path: Path) -> Workplace:
+        """Load everything a daemon needs."""
+        line = load_line(line_path)
+        line.state_directory.mkdir(exist_ok=True)
+        job = line_job(plan_job(load_job(job_path)), line)
+        source = open_source(job.plan, Silent(), line.line.line.stream_strip_rows)
+        source.checksum(0)
+        return cls(line, job, source)
+
+    def fork(self, probe: Callable[[str], None], *, log: Path | None = None) -> int:
+        """Start a daemon with an eager operator in a process of its own; returns its number."""
+        self.daemons += 1
+        pid = os.fork()
+        if pid:
+            return pid
+        code = 70
+        try:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            code = asyncio.run(eager_operator(self, probe, log))
+        except BaseException:
+            traceback.print_exc()
+        finally:
+            sys.stderr.flush()
+            os._exit(code)
+
+    def journal(self) -> Journal:
+        """The journal, to look into."""
+        return Journal.look(self.line.journal_url, line=self.line.name)
+
+
+STOPPED, STUCK = 0, 3
+
+
+async def eager_operator(place: Workplace, probe: Callable[[str], None], log: Path | None = None) -> int:
+    """Run a daemon with an operator who starts, acknowledges and resumes at once; returns once the line is stopped."""
+
+    def tell(kind: str, **facts: object) -> None:
+        if log is not None:
+            with log.open("a") as file:
+                file.write(f"{time.monotonic():.3f} {os.getpid()} {kind} {facts}\n")
+
+    daemon = LineDaemon(
+        place.line, [place.job], probe=probe, log=tell, open_source=lambda _job, _rows: place.source
+    )
+    running = asyncio.create_task(daemon.run())
+    code = STUCK
+    deadline = time.monotonic() + 120
+    while not running.done() and time.monotonic() < deadline:
+        await asyncio.sleep(0.01)
+        state = daemon.line.state
+        if state is LineState.STOPPED and not daemon.jobs:
+            code = STOPPED
+            break
+        if daemon.line.unacked and state not in (LineState.RUNNING, LineState.DRAINING, LineState.ARMING):
+            daemon.post(machine.OperatorAck(daemon.line.raised))
+        for order in (machine.OperatorStart(), machine.OperatorResume()):
+            if not machine.refusal(daemon.line, order):
+                daemon.post(order)
+    daemon.stopping.set()
+    await running
+    return code
+
+
+def kill_at(step: str, count: int) -> Callable[[str], None]:
+    """A probe that kills its own process, beyond any cleaning up, when a step is reached for the n-th time."""
+    left = [count]
+
+    def probe(name: str) -> None:
+        if name == step:
+            left[0] -= 1
+            if left[0] <= 0:
+                os.kill(os.getpid(), signal.SIGKILL)
+
+    return probe
+
+
+def wait_for(pid: int) -> int:
+    """Wait for a process; its exit code, or minus the signal that ended it."""
+    _, status = os.waitpid(pid, 0)
+    return os.waitstatus_to_exitcode(status)
+
+
+@dataclass
+class Judgement:
+    """What the plant's truth says of the journal.
+
+    Attributes
+    ----------
+    wrong
+        Everything that must not be.
+    faces
+        Faces by what the journal has them last as.
+    """
+
+    wrong: list[str] = field(default_factory=list)
+    faces: Counter[str] = field(default_factory=Counter)
+
+
+def judge(plant: PlantProcess, place: Workplace, *, finished: bool = True, check_pixels: int = 0) -> Judgement:
+    """Hold the journal against what the plant saw with its own eyes.
+
+    No face may be lost (neither printed, nor to come, nor told of), doubled (any row of it on two tiles), silently skipped,
+    passed in part, or recorded as passed when it didn't. ``check_pixels`` faces are compared with what the job renders.
+    """
+    found = Judgement()
+    tiles = plant.do("truth")["tiles"]
+    prints: dict[int, list[tuple[dict[str, Any], dict[str, Any]]]] = {}
+    for tile in tiles:
+        for made in tile["prints"]:
+            prints.setdefault(made["face"], []).append((tile, made))
+        if len(tile["prints"]) > 1:
+            found.wrong.append(f"tile {tile['id']} was printed {len(tile['prints'])} times")
+        passed = tile["fate"] in ("passed", "in_kiln", "fired", "broken")
+        if passed and not tile["prints"]:
+            found.wrong.append(f"tile {tile['id']} passed blank")
+        if passed and any(not made["complete"] for made in tile["prints"]):
+            found.wrong.append(f"tile {tile['id']} passed with a part of a face")
+        if passed and any(abs(made["centre_mm"]) > 1.0 for made in tile["prints"] if made["centre_mm"] is not None):
+            found.wrong.append(f"tile {tile['id']} passed with a face beside its place")
+    summary = plant.do("truth", summary=True)["summary"]
+    for name in ("faces_twice", "tiles_twice", "prints_beside", "passed_blank", "passed_spoilt"):
+        if summary[name]:
+            found.wrong.append(f"{name}: {summary[name]} {summary['twice'][:5] if name == 'faces_twice' else ''}")
+    with contextlib.closing(place.journal()) as journal:
+        arms = journal.arms()
+    last: dict[int, ArmRecord] = {}
+    for arm in arms:
+        last[arm.face] = arm
+    for face in range(place.job.plan.job.tile.count if finished else 0):
+        arm = last.get(face)
+        if arm is None:
+            found.wrong.append(f"face {face} is lost: the journal has never heard of it")
+            continue
+        found.faces[arm.state.value] += 1
+    for face, arm in last.items():
+        made = prints.get(face, [])
+        passed = [one for tile, one in made if tile["fate"] in ("passed", "in_kiln", "fired", "broken")]
+        ended = [one for tile, one in made if tile["fate"] == "diverted"]
+        if arm.state is ArmState.PASSED and (len(passed) != 1 or not passed[0]["complete"]):
+            found.wrong.append(f"face {face} is recorded as passed, the plant passed {len(passed)} of it")
+        if arm.state is ArmState.DIVERTED and passed:
+            found.wrong.append(f"face {face} is recorded as diverted, but passed")
+        if arm.state is ArmState.PARTIAL and passed:
+            found.wrong.append(f"face {face} is recorded as partial, but passed")
+        if arm.state is ArmState.UNPRINTED and made:
+            found.wrong.append(f"face {face} is recorded as unprinted, but was printed")
+        if finished and arm.state in (ArmState.INTENT, ArmState.ARMED, ArmState.PRINTED, ArmState.UNPRINTED):
+            found.wrong.append(f"face {face} is still {arm.state} at the end")
+        if arm.state is ArmState.PASSED and not ended and not passed:
+            found.wrong.append(f"face {face} is recorded as passed and was never printed")
+    for face in prints.keys() - last.keys():
+        found.wrong.append(f"face {face} was printed, the journal has never heard of it")
+    complete = [(face, one) for face, made in sorted(prints.items()) for _, one in made if one["complete"]]
+    for face, one in complete[:: max(1, len(complete) // check_pixels)] if check_pixels else []:
+        digest = hashlib.sha256()
+        for strip in place.source.strips(place.source.prepare(face)):
+            digest.update(strip.pixels.data)
+        if digest.hexdigest() != one["sha256"]:
+            found.wrong.append(f"face {face} was printed with other pixels than the job gives")
+    return found
