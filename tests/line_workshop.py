@@ -11,6 +11,7 @@ import contextlib
 import hashlib
 import json
 import os
+import select
 import signal
 import socket
 import subprocess
@@ -281,6 +282,17 @@ def wait_for(pid: int) -> int:
     """Wait for a process; its exit code, or minus the signal that ended it."""
     _, status = os.waitpid(pid, 0)
     return os.waitstatus_to_exitcode(status)
+
+
+def wait_or_kill(pid: int, seconds: float) -> int:
+    """Wait for a process, and kill it beyond any cleaning up if it still runs after some time; as `wait_for`."""
+    handle = os.pidfd_open(pid)
+    try:
+        if not select.select([handle], [], [], seconds)[0]:
+            os.kill(pid, signal.SIGKILL)
+    finally:
+        os.close(handle)
+    return wait_for(pid)
 
 
 @dataclass

@@ -127,7 +127,7 @@ class GaugeSession:
         rest = b""
         while True:
             *lines, rest = (rest + await self._stream.read(deadline)).split(b"\n")
-            rest = rest[:MOST_LINE]
+            rest = rest[-MOST_LINE:]
             for line in lines:
                 # Noise may stand before a line; only what begins at its last mark can be one.
                 fields = parse_reply(line[max(line.rfind(b"!"), 0) :], sequence)

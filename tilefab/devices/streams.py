@@ -333,7 +333,7 @@ class SerialStream:
         self._release()
 
     def write(self, data: bytes) -> None:
-        """Send bytes at once; half a frame is never left behind in the port.
+        """Send bytes at once; what a device doesn't take is dropped, not kept for later.
 
         Raises
         ------

@@ -153,22 +153,43 @@ class Journal:
     # Runs
 
     def start_run(self, facts: RunFacts) -> int:
-        """Begin a run, or go on with this line's unfinished run of the same job; returns its number."""
+        """Begin a run, or go on with this line's run of the same job; returns its number.
+
+        A job is never begun a second time, since that would print each face once more. A run of more faces than before
+        goes on behind the last of them, also if it was finished.
+
+        Raises
+        ------
+        JournalError
+            If every face of the job was printed already, or the run can't go on as these facts have it.
+        """
         if not 1 <= facts.faces <= MOST_FACES or not 0 <= facts.seed <= _MOST_ID:
             raise self._error(f"a run of {facts.faces} faces with seed {facts.seed} can't be")
         values = {name: getattr(facts, name) for name in RunFacts.__dataclass_fields__}
         with self._transaction("start a run") as connection:
-            found = queries.unfinished_run(connection, self._line_id, facts.job_hash)
+            found = queries.newest_run(connection, self._line_id, facts.job_hash)
             if found is None:
                 values |= {"line_id": self._line_id, "begun_ms": self._now_ms()}
                 return int(connection.execute(insert(runs).values(values).returning(runs.c.run_id)).scalar_one())
-            for name in ("faces", "seed", "map_hash"):
+            for name in ("seed", "map_hash"):
                 if getattr(found, name) != getattr(facts, name):
                     raise self._error(
                         f"run {found.run_id} of {facts.name!r:.100} began with {name} {getattr(found, name)}, not "
-                        f"{getattr(facts, name)}: put back its texture map, or finish that run first"
+                        f"{getattr(facts, name)}: put back its texture map"
                     )
-            changes = {"name": facts.name, "job_file": facts.job_file}
+            if facts.faces < found.faces:
+                raise self._error(
+                    f"run {found.run_id} of {facts.name!r:.100} began with {found.faces} faces, it can't go on with "
+                    f"{facts.faces}: put back its count"
+                )
+            states = queries.face_states(connection, self._line_id, found.run_id, facts.faces)
+            left = states.next_new < facts.faces or states.gaps or states.unprinted or states.reprints
+            if found.finished_ms is not None and not left:
+                raise self._error(
+                    f"run {found.run_id} printed all {found.faces} faces of {facts.name!r:.100}: for more of them raise "
+                    "its count, for others change its seed, for single ones order reprints"
+                )
+            changes = {"name": facts.name, "job_file": facts.job_file, "faces": facts.faces, "finished_ms": None}
             connection.execute(update(runs).where(runs.c.run_id == found.run_id).values(changes))
             return int(found.run_id)
 
@@ -415,9 +436,6 @@ class Journal:
         run = self._run(connection, run_id)
         if run.finished_ms is None:
             return
-        newer = queries.unfinished_run(connection, self._line_id, run.job_hash)
-        if newer is not None:
-            raise self._error(f"run {run_id} is over and run {newer.run_id} prints the same job: finish that one first")
         connection.execute(update(runs).where(runs.c.run_id == run_id).values(finished_ms=None))
 
     def _reprint_of(

@@ -26,6 +26,12 @@ def unfinished_run(connection: Connection, line_id: int, job_hash: str) -> Row[A
     return connection.execute(query).first()
 
 
+def newest_run(connection: Connection, line_id: int, job_hash: str) -> Row[Any] | None:
+    """The line's newest run of a job, over or not."""
+    query = select(runs).where(runs.c.line_id == line_id, runs.c.job_hash == job_hash)
+    return connection.execute(query.order_by(runs.c.run_id.desc()).limit(1)).first()
+
+
 def last_arms(connection: Connection, run_id: int, faces: Sequence[int]) -> dict[int, Row[Any]]:
     """The last arm of each of some faces that have one."""
     found: dict[int, Row[Any]] = {}

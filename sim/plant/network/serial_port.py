@@ -96,8 +96,13 @@ class SerialPort:
 
     def hang_up(self) -> None:
         """Close the line and open a new one in its place: whoever had it open gets an error."""
-        self._shut()
+        self.reset()
+        old = self._master, self._slave
+        self._loop.remove_reader(self._master)
+        # The name leads to a line at any time.
         self._open()
+        for end in old:
+            os.close(end)
 
     def reset(self) -> None:
         """Forget everything that is on its way, as a device without power does."""
@@ -109,13 +114,10 @@ class SerialPort:
             self._pumping = None
         self._out.clear()
 
-    def _shut(self) -> None:
+    def close(self) -> None:
+        """Close the line and take its name away."""
+        self.path.unlink(missing_ok=True)
         self.reset()
         self._loop.remove_reader(self._master)
         os.close(self._slave)
         os.close(self._master)
-
-    def close(self) -> None:
-        """Close the line and take its name away."""
-        self._shut()
-        self.path.unlink(missing_ok=True)

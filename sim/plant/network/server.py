@@ -179,4 +179,5 @@ def _address(text: str) -> tuple[str, int]:
 
 
 def _pty(text: str) -> Path:
-    return Path(text.removeprefix("pty:")).absolute()
+    path = Path(text.removeprefix("pty:"))
+    return path.parent.resolve() / path.name

@@ -270,6 +270,22 @@ def test_an_answer_to_another_write_is_refused(wire, change):
     with_session(unit, wire, work)
 
 
+@pytest.mark.parametrize("wire", WIRES)
+@pytest.mark.parametrize("place", [2, 4], ids=["address", "value"])
+def test_an_answer_to_another_write_of_one_register_is_refused(wire, place):
+    unit = peers.plc()
+
+    async def work(session: PlcSession) -> None:
+        answers(
+            lambda pdu: pdu[:place] + bytes((pdu[place] ^ 1,)) + pdu[place + 1 :] if pdu[0] == 6 else pdu,
+            unit,
+        )
+        with pytest.raises(DeviceProtocolError, match="isn't to the write at 0"):
+            await session.poll()
+
+    with_session(unit, wire, work, "&fc23=no")
+
+
 def test_a_controller_that_has_sent_sums_must_go_on_to():
     unit = peers.plc()
 
@@ -315,9 +331,12 @@ def test_bytes_that_nobody_asked_for_end_a_tcp_connection():
             await session.poll()
             port.transports[0].write(b"hello")
             async with asyncio.timeout(5):
-                while session.connected:
-                    with contextlib.suppress(DeviceProtocolError):
-                        await session.poll()
+                while not session._link.stream._connection.inbox._bytes:  # type: ignore[union-attr]
+                    await asyncio.sleep(0.001)
+            with pytest.raises(DeviceProtocolError, match="nobody had asked for"):
+                await session.poll()
+            assert len(unit.requests) == 1
+            assert not session.connected
             await session.close()
 
     asyncio.run(run())

@@ -248,10 +248,18 @@ def test_on_a_slow_line_there_is_one_try():
     assert len(printer.requests) == 1
 
 
-def test_noise_before_a_request_cant_spoil_it_twice():
-    """The second try is led by a zero, which ends what the printer has heard before."""
+def test_noise_before_a_request_cant_spoil_the_second_try():
+    """That is led by a zero, which ends what the printer has heard before."""
     printer = replying(2, STATUS)
-    printer._rest = b"\x55\x55"
+    answers = iter(range(10))
+
+    def noisy(frame: bytes, send: peers.Send) -> None:
+        if next(answers):
+            send(frame)
+        else:
+            printer._rest = b"\x55\x55"
+
+    printer.script = noisy
     assert with_printer(printer, lambda session: session.status()).boot_id == 77
 
 

@@ -78,6 +78,21 @@ def test_after_a_timeout_nothing_is_sent_until_no_late_answer_can_come():
     on_a_line(work, deadline_s=0.4)
 
 
+def test_a_line_just_opened_is_left_silent_first():
+    async def run() -> None:
+        unit = Stamped()
+        async with peers.serial_port(unit) as pair:
+            loop = asyncio.get_running_loop()
+            session = PlcSession(f"modbus-rtu://{pair.path}?baud={BAUD}")
+            begin_s = loop.time()
+            await session.connect()
+            await session.poll()
+            assert unit.came_s[0] - begin_s >= LATE_S
+            await session.close()
+
+    asyncio.run(run())
+
+
 def test_a_request_that_couldnt_be_answered_in_time_isnt_sent():
     async def work(session: PlcSession, unit: Stamped, pair: peers.Pty) -> None:
         async def babble() -> None:
@@ -232,7 +247,7 @@ def test_a_session_on_a_pty_can_be_opened_again_and_again():
     asyncio.run(run())
 
 
-def test_a_device_that_takes_no_more_bytes_gets_no_half_frames():
+def test_a_device_that_takes_no_more_bytes_is_told_of():
     async def run() -> None:
         with peers.pty_pair() as pair:
             stream = SerialStream(SerialEndpoint(pair.path, 9600), "printer")

@@ -300,6 +300,7 @@ OF_NOTHING = [
     ('compression = "none"', 'compression = "lzw"'),
     ('pdf = "report.pdf"', "pdf = false"),
     ("[report]", "[report]\nfaces = 3"),
+    ("[report]", '[line]\nrecipe = "600 x 600"\n[report]'),
     ('directory = "out"', 'directory = "elsewhere"'),
     ("bits = 8", "bits = 8\nproofs = false"),
     ("[job]", "schema_version = 1\n# a comment\n[job]"),

@@ -97,6 +97,21 @@ def test_no_order_without_the_token(tmp_path: Path, name: str) -> None:
     assert token not in log
 
 
+def test_the_token_isnt_logged_even_if_the_line_itself_tells_it(tmp_path: Path) -> None:
+    async def scenario() -> tuple[str, str]:
+        control = Control()
+        async with at_work(tmp_path, control) as (file, stream):
+            token = read_token(file.token_path)
+            control.refuse = f"what is {token}?"
+            right = {"Authorization": f"Bearer {token}"}
+            assert (await ask(file.socket_path, "POST /v1/commands", _body("start"), **right))[0] == 409
+        return token, stream.getvalue()
+
+    token, log = asyncio.run(scenario())
+    assert "what is ***?" in log
+    assert token not in log
+
+
 def test_what_the_line_wont_do_now_is_told_with_its_exit_code(tmp_path: Path) -> None:
     async def scenario() -> str:
         control = Control()

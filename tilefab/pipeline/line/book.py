@@ -61,6 +61,12 @@ class FaceBook:
         self.active[arm_id] = replace(self.active[arm_id], **changes)  # type: ignore[arg-type]
         return self.active[arm_id]
 
+    def close(self, arm_id: int, state: ArmState) -> None:
+        """Let go of an arm that the journal has as decided; its face comes again if it wasn't printed."""
+        intent = self.active.pop(arm_id).intent
+        if intent.run_id == self.run_id:
+            self.queue.give_back(intent.face, intent.attempt, state)
+
     def in_state(self, *states: ArmState) -> list[ActiveArm]:
         """Active arms in certain states, by arm."""
         return [arm for _, arm in sorted(self.active.items()) if arm.state in states]

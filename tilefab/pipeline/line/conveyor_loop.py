@@ -148,7 +148,7 @@ class ConveyorLoop:
             try:
                 passed = memory.fate(arm.tile_seq)
             except LookupError as error:
-                changes.append(self._end(book, arm.intent.arm_id, ArmState.IN_DOUBT, str(error)))
+                changes.append(ArmChange(arm.intent.arm_id, ArmState.IN_DOUBT, reason=str(error)))
                 self._host.doubt("tile_lost", str(error))
                 continue
             if passed is None:
@@ -159,16 +159,14 @@ class ConveyorLoop:
                 self._host.doubt(
                     "good_tile_diverted", f"tile {arm.tile_seq} with face {arm.intent.face} was scrapped: {reason}"
                 )
-            changes.append(self._end(book, arm.intent.arm_id, state, reason))
+            changes.append(ArmChange(arm.intent.arm_id, state, reason=reason))
             self._host.tile_done(passed)
         if changes:
             self._probe("decided.read")
             await self._keeper.mark(changes, "decided")
-
-    def _end(self, book: FaceBook, arm_id: int, state: ArmState, reason: str) -> ArmChange:
-        arm = book.active.pop(arm_id)
-        book.queue.give_back(arm.intent.face, arm.intent.attempt, state)
-        return ArmChange(arm_id=arm_id, state=state, reason=reason)
+            for change in changes:
+                if change.arm_id in book.active:
+                    book.close(change.arm_id, change.state)
 
     def _wanted(self, status: PlcStatus) -> PlcCommand | None:
         settings = self.settings

@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
+from typing import Any
 
 from tilefab.config.line import LineFile
 from tilefab.control import line_machine as machine
@@ -19,7 +20,7 @@ from tilefab.io.journal import ArmChange
 from tilefab.pipeline.line.book import INTENTS_AHEAD, FaceBook
 from tilefab.pipeline.line.bring_up import TILES_MOVED, BringUp
 from tilefab.pipeline.line.conveyor_loop import ConveyorLoop
-from tilefab.pipeline.line.device_link import DeviceLink, S
+from tilefab.pipeline.line.device_link import DeviceLink
 from tilefab.pipeline.line.jobs import LineJob, check_printer, open_job, print_job
 from tilefab.pipeline.line.keeper import JournalKeeper
 from tilefab.pipeline.line.kiln_loop import KilnLoop
@@ -117,8 +118,8 @@ class LineDaemon:
         self._session = 0
         self._moved = False
         self._filling = False
-        self._tasks: set[asyncio.Task[None]] = set()
-        self._answering: asyncio.Task[None] | None = None
+        self._tasks: set[asyncio.Task[Any]] = set()
+        self._answering: asyncio.Task[machine.Event] | None = None
         self._errands: deque[tuple[Errand, asyncio.Future[None]]] = deque()
         self.plc_link = DeviceLink(
             "plc",
@@ -180,9 +181,10 @@ class LineDaemon:
             self.post(machine.OperatorHold())
         with suppress(TimeoutError):
             async with asyncio.timeout(_ANSWER_S):
-                for link in (self.plc_link, self.printer_link):
-                    if link.present:
-                        await self._turn(link)
+                if self.plc_link.present:
+                    await self._turn(self.plc_link)
+                if self.printer_link.present:
+                    await self._turn(self.printer_link)
         if self._book is not None:
             await self._give_up_pool(self._book)
 
@@ -286,11 +288,11 @@ class LineDaemon:
             case machine.CancelArms():
                 self._start(self._cancel_arms())
             case machine.BeginChangeover():
-                self._answer(self._take_job(), lambda why: machine.ChangeoverReady(False, why))
+                self._answer(self._take_job(), lambda why, code: machine.ChangeoverReady(False, why, code))
             case machine.CheckDevices():
-                self._answer(self._check_devices(), lambda why: machine.DevicesReady(False, why))
+                self._answer(self._check_devices(), lambda why, code: machine.DevicesReady(False, why, code))
             case machine.Reconcile():
-                self._answer(self._settle(), lambda why: machine.Reconciled(False, reason=why))
+                self._answer(self._settle(), lambda why, code: machine.Reconciled(False, reason=why, code=code))
             case machine.RaiseAlarm(code, text, number):
                 self.tell("alarm", number=number, code=code, text=text)
             case machine.ClearAlarms():
@@ -305,26 +307,34 @@ class LineDaemon:
 
     # What the machine asks.
 
-    def _answer(self, work: Coroutine[None, None, machine.Event], failed: Callable[[str], machine.Event]) -> None:
-        self._answering = self._start(self._answered(work, failed))
+    def _answer(self, work: Coroutine[None, None, machine.Event], failed: Callable[[str, str], machine.Event]) -> None:
+        """Have a question of the machine answered, once, however the work ends."""
+        task = self._answering = asyncio.get_running_loop().create_task(work)
+        self._tasks.add(task)
 
-    async def _answered(
-        self, work: Coroutine[None, None, machine.Event], failed: Callable[[str], machine.Event]
-    ) -> None:
-        """Answer a question of the machine, once, however it ends."""
-        try:
-            answer = await work
-        except asyncio.CancelledError:
-            self.post(failed("given up"))
-            raise
-        except JournalError as error:
-            self.fault("journal", error.message)
-            answer = failed(error.message)
-        except TilefabError as error:
-            answer = failed(error.message)
-        except TimeoutError:
-            answer = failed("a device stopped answering while the line was brought up")
-        self.post(answer)
+        def answer(done: asyncio.Task[machine.Event]) -> None:
+            self._tasks.discard(done)
+            if self._answering is done:
+                self._answering = None
+            if done.cancelled():
+                self.post(failed("given up", "given_up"))
+                return
+            error = done.exception()
+            if error is None:
+                self.post(done.result())
+            elif isinstance(error, InterlockError):
+                self.post(failed(error.message, error.code))
+            elif isinstance(error, TilefabError):
+                if isinstance(error, JournalError):
+                    self.fault("journal", error.message)
+                self.post(failed(error.message, "not_ready"))
+            elif isinstance(error, TimeoutError):
+                self.post(failed("a device stopped answering while the line was brought up", "not_ready"))
+            else:
+                self.fault("defect", f"{type(error).__name__}: {error}")
+                self.post(failed("a defect of tilefab", "not_ready"))
+
+        task.add_done_callback(answer)
 
     async def _take_job(self) -> machine.Event:
         """Open the job that comes first in the queue, unless it is open."""
@@ -436,7 +446,7 @@ class LineDaemon:
 
     # Devices.
 
-    async def _turn(self, link: DeviceLink[S]) -> None:
+    async def _turn(self, link: DeviceLink[Any]) -> None:
         """Wait until a link has been through a whole cycle that began after now."""
         wanted = link.turns + 2
         link.hurry()
@@ -516,12 +526,13 @@ class LineDaemon:
 
     async def _give_up_pool(self, book: FaceBook) -> None:
         """Say of faces that no tile came for that they weren't printed."""
-        changes = [ArmChange(intent.arm_id, ArmState.UNPRINTED, reason="no tile came for it") for intent in book.pool]
-        for intent in book.pool:
-            book.queue.give_back(intent.face, intent.attempt, ArmState.UNPRINTED)
+        intents = list(book.pool)
         book.pool.clear()
+        changes = [ArmChange(intent.arm_id, ArmState.UNPRINTED, reason="no tile came for it") for intent in intents]
         with suppress(JournalError):
             await self.keeper.mark(changes, "reconcile")
+            for intent in intents:
+                book.queue.give_back(intent.face, intent.attempt, ArmState.UNPRINTED)
 
     # Watching.
 

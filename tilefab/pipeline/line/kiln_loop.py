@@ -53,6 +53,7 @@ class KilnLoop:
         self._last_step_s: float | None = None
         self._began = False
         self._off_since: dict[int, float] = {}
+        self._told: set[int] = set()
 
     @property
     def at_recipe(self) -> bool:
@@ -124,5 +125,7 @@ class KilnLoop:
         for zone, (degc, wanted) in enumerate(zip(status.temperatures_degc, target.set_points_degc, strict=True), 1):
             if abs(degc - wanted) <= self._tolerance_degc:
                 self._off_since.pop(zone, None)
-            elif now - self._off_since.setdefault(zone, now) > _OFF_FOR_S:
+                self._told.discard(zone)
+            elif now - self._off_since.setdefault(zone, now) > _OFF_FOR_S and zone not in self._told:
+                self._told.add(zone)
                 self._host.warn("kiln_zone", f"zone {zone} of the kiln is at {degc:.0f} °C, {wanted:.0f} wanted")

@@ -6,7 +6,7 @@ import asyncio
 from collections import deque
 from dataclasses import dataclass
 
-from tilefab.control.ledger import ArmState
+from tilefab.control.ledger import OPEN, ArmState
 from tilefab.control.tile_tracking import Calibration, TileShape, print_start_counts
 from tilefab.devices import (
     ArmCommand,
@@ -376,8 +376,8 @@ class PrinterLoop:
         return self._end(book, arm, ArmState.UNPRINTED, outcome, outcome.state.name.lower())
 
     def _end(self, book: FaceBook, arm: ActiveArm, state: ArmState, outcome: Outcome, reason: str) -> list[ArmChange]:
-        del book.active[arm.intent.arm_id]
-        book.queue.give_back(arm.intent.face, arm.intent.attempt, state)
+        # It leaves the book once the journal has it: until then the face can't be put down again.
+        book.update(arm.intent.arm_id, state=state)
         return [self._change(arm, state, outcome, reason)]
 
     def _change(self, arm: ActiveArm, state: ArmState, outcome: Outcome | None = None, reason: str = "") -> ArmChange:
@@ -408,9 +408,13 @@ class PrinterLoop:
             return
         book = self._host.book
         for change in changes:
-            if change.state is ArmState.PRINTED and book is not None and change.arm_id in book.active:
+            if book is None or change.arm_id not in book.active:
+                continue
+            if change.state is ArmState.PRINTED:
                 book.update(change.arm_id, asked_release=True)
                 self._host.releases_wanted()
+            elif change.state not in OPEN:
+                book.close(change.arm_id, change.state)
 
     async def written(self) -> None:
         """Wait until everything begun is in the journal."""

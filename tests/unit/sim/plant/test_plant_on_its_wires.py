@@ -180,6 +180,20 @@ def test_strips_that_do_not_fit_are_not_taken(running):
             assert data.ended()
 
 
+def test_long_strips_arrive_in_many_pieces(running):
+    ends = running.endpoints
+    with ModbusHost(ends["plc_tcp"]) as plc, PrinterHost(ends["printer_control"]) as printer:
+        armed(running, printer, plc, cols=500)
+        with DataHost(ends["printer_data"]) as data:
+            data.stat()
+            long = FACE * 40
+            data.strip(1, 0, long, row_bytes=2000)
+            assert data.stat()[1::2] == (480, 0)
+            data.strip(1, 480, long[:240000], row_bytes=2000)
+            assert data.stat()[1::2] == (600, 0)
+            assert printer.outcome(1)[6] == crc32(long + long[:240000])
+
+
 @pytest.mark.parametrize("verify", ["sha256", "none"])
 def test_other_ways_to_verify(tmp_path, verify):
     config = plant_in(tmp_path, clock={"rate": 10.0}, printer={"verify": verify})
