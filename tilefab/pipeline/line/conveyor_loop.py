@@ -39,6 +39,10 @@ class BeltSettings:
     tile_pitch_mm: float
 
 
+AT_REST = BeltSettings(speed_mm_s=0.0, tile_length_mm=3000.0, tile_pitch_mm=4000.0)
+"""Until a job says more: a belt that an earlier daemon left running must stop, and no tile on it is too long."""
+
+
 class ConveyorLoop:
     """Talks to the conveyor's controller.
 
@@ -57,7 +61,7 @@ class ConveyorLoop:
         self.status: PlcStatus | None = None
         self.run_belt = False
         self.feed = False
-        self.settings: BeltSettings | None = None
+        self.settings = AT_REST
         self.calibration: Calibration | None = None
         self.counts_per_mm = 0.0
         self.edges: dict[int, int] = {}
@@ -168,10 +172,8 @@ class ConveyorLoop:
                 if change.arm_id in book.active:
                     book.close(change.arm_id, change.state)
 
-    def _wanted(self, status: PlcStatus) -> PlcCommand | None:
+    def _wanted(self, status: PlcStatus) -> PlcCommand:
         settings = self.settings
-        if settings is None:
-            return None
         base, bits = self._releases(status)
         return PlcCommand(
             run_belt=self.run_belt,
@@ -199,8 +201,6 @@ class ConveyorLoop:
 
     async def _command(self, session: PlcSession, status: PlcStatus) -> None:
         wanted = self._wanted(status)
-        if wanted is None:
-            return
         same_boot = status.boot_id == self._commanded_boot
         if same_boot and wanted == self._commanded:
             return
