@@ -118,6 +118,7 @@ class LineDaemon:
         self._session = 0
         self._moved = False
         self._filling = False
+        self._watched = 0
         self._tasks: set[asyncio.Task[Any]] = set()
         self._answering: asyncio.Task[machine.Event] | None = None
         self._errands: deque[tuple[Errand, asyncio.Future[None]]] = deque()
@@ -152,9 +153,20 @@ class LineDaemon:
                 back=self._back,
             )
 
+    @property
+    def links(self) -> tuple[DeviceLink[Any], ...]:
+        """Links to all devices."""
+        return (self.plc_link, self.printer_link, *([self.kiln_link] if self.kiln_link is not None else []))
+
+    @property
+    def rounds(self) -> dict[str, int]:
+        """How often each loop went round, by name."""
+        return {link.name: link.rounds for link in self.links} | {"watch": self._watched}
+
     async def run(self) -> None:
         """Work until `stopping` is set; then stop the belt, hold the printer, and close everything."""
-        await self.keeper.open()
+        if not self.keeper.is_open:
+            await self.keeper.open()
         self._session = await self._new_session()
         loops = [self.plc_link.run(), self.printer_link.run(), self._watch()]
         if self.kiln_link is not None:
@@ -540,6 +552,7 @@ class LineDaemon:
         """See to what no device tells by itself: the end of a job, and how many tiles to feed."""
         while True:
             await asyncio.sleep(_WATCH_PERIOD_S)
+            self._watched += 1
             book = self._book
             if book is None:
                 continue

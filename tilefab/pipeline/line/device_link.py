@@ -95,6 +95,8 @@ class DeviceLink(Generic[S]):
         self._renew = False
         self.turns = 0
         """Sound cycles so far."""
+        self.rounds = 0
+        """Cycles begun so far, sound or not."""
 
     @property
     def facts(self) -> LinkFacts:
@@ -125,6 +127,7 @@ class DeviceLink(Generic[S]):
         backoff = Backoff()
         try:
             while True:
+                self.rounds += 1
                 due = loop.time() + self.period_s
                 try:
                     session = await self._connected_session()

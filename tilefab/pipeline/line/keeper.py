@@ -30,6 +30,11 @@ class JournalKeeper:
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="tilefab-journal")
         self._journal: Journal | None = None
 
+    @property
+    def is_open(self) -> bool:
+        """Whether the journal is open."""
+        return self._journal is not None
+
     async def open(self) -> None:
         """Open the journal."""
         self._journal = await self._run(lambda: Journal.open(self._url, line=self._line))
