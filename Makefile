@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: install demo test check docs bench profiles clean
+.PHONY: install demo test check docs bench soak profiles clean
 .DEFAULT_GOAL := demo
 
 install: $(STAMP)
@@ -44,10 +44,24 @@ bench: install
 	$(BIN)/python benchmarks/drift.py
 	$(BIN)/python benchmarks/ink_saving.py
 	$(BIN)/python benchmarks/fuzz_readers.py
+	$(BIN)/python benchmarks/line_throughput.py
+	$(BIN)/python benchmarks/line_journal.py
+
+# What the line stands: hours. Each prints a table of what it went through and ends with 1 if anything was wrong.
+soak: install
+	$(BIN)/python benchmarks/line_machine.py
+	$(BIN)/python benchmarks/line_wire.py
+	$(BIN)/python benchmarks/line_reconnect.py
+	$(BIN)/python benchmarks/line_power.py
+	$(BIN)/python benchmarks/line_kills.py
+	$(BIN)/python benchmarks/line_faults.py
+	$(BIN)/python benchmarks/line_month.py
 
 # Pages that are made from the code.
 docs: install
 	$(BIN)/python -m tilefab.config.reference > docs/job_files.md
+	$(BIN)/python -m tilefab.config.reference line > docs/line_files.md
+	$(BIN)/python -m tilefab.devices.reference > docs/line_protocols.md
 
 # The shipped press profile, from the simulated press: chart, measurement file, profile.
 profiles: install

@@ -180,6 +180,11 @@ ALARMS: Mapping[str, AlarmText] = {
         "No sound answer from its controller. It goes on firing as it is set; no further tile is printed.",
         _CABLES,
     ),
+    "job_refused": AlarmText(
+        "A queued job can't be printed",
+        "A job that was queued has a fault, or its maps can't be made. The line goes on with the others.",
+        "Put right what the alarm says, check it with `tilefab job check`, and queue it again.",
+    ),
     "gauge_lost": AlarmText(
         "The gauge doesn't answer",
         "No sound answer from the instrument behind the kiln.",

@@ -14,13 +14,14 @@ from tilefab.config.line import LineFile
 from tilefab.control import line_machine as machine
 from tilefab.control.ledger import ArmState, FaceQueue
 from tilefab.control.line_machine import Line, LineState
-from tilefab.devices import KilnSession, PlcSession, PlcStatus, PrinterDataLink, PrinterSession, PrinterStatus
+from tilefab.devices import GaugeSession, KilnSession, PlcSession, PlcStatus, PrinterDataLink, PrinterSession, PrinterStatus
 from tilefab.errors import DeviceError, InterlockError, JournalError, TilefabError
 from tilefab.io.journal import ArmChange
 from tilefab.pipeline.line.book import INTENTS_AHEAD, FaceBook
 from tilefab.pipeline.line.bring_up import TILES_MOVED, BringUp
 from tilefab.pipeline.line.conveyor_loop import ConveyorLoop
 from tilefab.pipeline.line.device_link import DeviceLink
+from tilefab.pipeline.line.gauge_loop import GaugeLoop
 from tilefab.pipeline.line.jobs import LineJob, check_printer, open_job, print_job
 from tilefab.pipeline.line.keeper import JournalKeeper
 from tilefab.pipeline.line.kiln_loop import KilnLoop
@@ -33,6 +34,7 @@ from tilefab.pipeline.line.timing import Throughput
 _PRINTER_PERIOD_S = 0.015
 _PLC_PERIOD_S = 0.04
 _KILN_PERIOD_S = 0.5
+_GAUGE_PERIOD_S = 0.5
 _WATCH_PERIOD_S = 0.1
 _TURN_S = 0.005
 _SESSIONS_SINCE_S = 1_767_225_600
@@ -139,6 +141,18 @@ class LineDaemon:
             lost=self._lost,
             back=self._back,
         )
+        self.gauge = GaugeLoop(self.keeper)
+        self.gauge_link: DeviceLink[GaugeSession] | None = None
+        if settings.gauge is not None:
+            gauge_endpoint = settings.gauge.endpoint
+            self.gauge_link = DeviceLink(
+                "gauge",
+                lambda: GaugeSession(gauge_endpoint),
+                cycle=self.gauge.cycle,
+                period_s=_GAUGE_PERIOD_S,
+                lost=self._gauge_lost,
+                back=lambda _name: None,
+            )
         self.kiln: KilnLoop | None = None
         self.kiln_link: DeviceLink[KilnSession] | None = None
         if settings.kiln is not None:
@@ -156,7 +170,8 @@ class LineDaemon:
     @property
     def links(self) -> tuple[DeviceLink[Any], ...]:
         """Links to all devices."""
-        return (self.plc_link, self.printer_link, *([self.kiln_link] if self.kiln_link is not None else []))
+        others = (self.kiln_link, self.gauge_link)
+        return (self.plc_link, self.printer_link, *(link for link in others if link is not None))
 
     @property
     def rounds(self) -> dict[str, int]:
@@ -168,9 +183,7 @@ class LineDaemon:
         if not self.keeper.is_open:
             await self.keeper.open()
         self._session = await self._new_session()
-        loops = [self.plc_link.run(), self.printer_link.run(), self._watch()]
-        if self.kiln_link is not None:
-            loops.append(self.kiln_link.run())
+        loops = [self._watch(), *(link.run() for link in self.links)]
         running = [asyncio.create_task(loop) for loop in loops]
         try:
             ended = asyncio.create_task(self.stopping.wait())
@@ -501,6 +514,10 @@ class LineDaemon:
 
     def _lost(self, name: str, reason: str) -> None:
         self.post(machine.DeviceLost(name, reason))
+
+    def _gauge_lost(self, name: str, reason: str) -> None:
+        """Tell of the gauge's silence; tiles are printed without it."""
+        self.warn("gauge_lost", f"no answer from {name}: {reason}")
 
     def _back(self, name: str) -> None:
         self.post(machine.DeviceBack(name))
