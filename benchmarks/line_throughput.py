@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import resource
-import subprocess
 import sys
 import tempfile
 import time
@@ -58,9 +57,7 @@ def write_stone(folder: Path) -> None:
     grain = ndimage.gaussian_filter(random.normal(0, 8, (SLAB_PX, SLAB_PX)), 1)
     light = np.clip(150 + 30 * figure / figure.std() + grain, 0, 255)
     pixels = np.stack([light, light * 0.96, light * 0.9], axis=2).astype(np.uint8)
-    tifffile.imwrite(
-        folder / "slab.tif", pixels, photometric="rgb", resolution=(DPI, DPI), resolutionunit="INCH"
-    )
+    tifffile.imwrite(folder / "slab.tif", pixels, photometric="rgb", resolution=(DPI, DPI), resolutionunit="INCH")
 
 
 def main() -> None:
@@ -84,8 +81,10 @@ def measure(folder: Path, arguments: argparse.Namespace) -> None:
     with plant_process(folder, rate=1, plant=plant_text) as plant:
         job = write_job(folder, width=SIDE_MM, length=SIDE_MM, dpi=DPI, count=arguments.faces)
         line = write_line(folder, plant.endpoints, speed=speed)
-        text = line.read_text().replace("tile_gap_mm = 40.0", f"tile_gap_mm = {GAP_MM}.0").replace(
-            "stream_strip_rows = 16", "stream_strip_rows = 64"
+        text = (
+            line.read_text()
+            .replace("tile_gap_mm = 40.0", f"tile_gap_mm = {GAP_MM}.0")
+            .replace("stream_strip_rows = 16", "stream_strip_rows = 64")
         )
         line.write_text(text)
         place = Workplace.open(job, line)
@@ -97,7 +96,9 @@ def measure(folder: Path, arguments: argparse.Namespace) -> None:
         figures = Figures()
         figures.title(f"A line at {arguments.tiles_a_minute:g} tiles a minute, rate 1\n{machine_name()}")
         face = place.source
-        figures.note("face", f"{face.size.rows} x {face.size.cols} px, {face.channels} inks: {face.face_bytes / 1e6:.0f} MB")
+        figures.note(
+            "face", f"{face.size.rows} x {face.size.cols} px, {face.channels} inks: {face.face_bytes / 1e6:.0f} MB"
+        )
         figures.note("belt", f"{speed:.0f} mm/s")
         whole = summary["prints_complete"]
         figures.check("faces printed whole", f"{whole} of {arguments.faces}", whole == arguments.faces, "all")
@@ -115,7 +116,9 @@ def measure(folder: Path, arguments: argparse.Namespace) -> None:
             " / ".join(f"{value * 1000:.1f}" for value in (*map(times.quantile_s, (0.5, 0.99, 0.999)), times.largest_s))
             + " ms",
         )
-        figures.note("processor time of the daemon a face", f"{(spent.ru_utime + spent.ru_stime) / arguments.faces:.2f} s")
+        figures.note(
+            "processor time of the daemon a face", f"{(spent.ru_utime + spent.ru_stime) / arguments.faces:.2f} s"
+        )
         figures.note("largest resident memory of the daemon", f"{spent.ru_maxrss / 1024:.0f} MB")
         figures.note("wall time", f"{time.perf_counter() - began:.0f} s for {seconds:.0f} s of running")
         found = judge(plant, place)

@@ -11,7 +11,6 @@ from tilefab.control.tile_tracking import Calibration, cross_check
 from tilefab.devices import PlcCommand, PlcSession, PlcStatus
 from tilefab.errors import DeviceRefused
 from tilefab.io.journal import ArmChange
-from tilefab.pipeline.line.book import FaceBook
 from tilefab.pipeline.line.host import LineHost
 from tilefab.pipeline.line.keeper import JournalKeeper
 from tilefab.pipeline.line.probe import Probe, nothing

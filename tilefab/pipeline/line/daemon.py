@@ -14,7 +14,15 @@ from tilefab.config.line import LineFile
 from tilefab.control import line_machine as machine
 from tilefab.control.ledger import ArmState, FaceQueue
 from tilefab.control.line_machine import Line, LineState
-from tilefab.devices import GaugeSession, KilnSession, PlcSession, PlcStatus, PrinterDataLink, PrinterSession, PrinterStatus
+from tilefab.devices import (
+    GaugeSession,
+    KilnSession,
+    PlcSession,
+    PlcStatus,
+    PrinterDataLink,
+    PrinterSession,
+    PrinterStatus,
+)
 from tilefab.errors import DeviceError, InterlockError, JournalError, TilefabError
 from tilefab.io.journal import ArmChange
 from tilefab.pipeline.line.book import INTENTS_AHEAD, FaceBook
