@@ -53,6 +53,7 @@ soak: install
 	$(BIN)/python benchmarks/line_wire.py
 	$(BIN)/python benchmarks/line_reconnect.py
 	$(BIN)/python benchmarks/line_power.py
+	$(BIN)/python benchmarks/line_power_cuts.py
 	$(BIN)/python benchmarks/line_kills.py
 	$(BIN)/python benchmarks/line_faults.py
 	$(BIN)/python benchmarks/line_month.py

@@ -103,9 +103,7 @@ def write_slab(folder: Path) -> None:
     random = np.random.default_rng(1)
     coarse = random.integers(0, 256, (13, 15, 3)).repeat(8, axis=0).repeat(8, axis=1)
     pixels = np.clip(coarse + random.integers(-20, 21, (*coarse.shape[:2], 1)), 0, 255).astype(np.uint8)
-    tifffile.imwrite(
-        folder / "slab.tif", pixels, photometric="rgb", resolution=(60, 60), resolutionunit="INCH"
-    )
+    tifffile.imwrite(folder / "slab.tif", pixels, photometric="rgb", resolution=(60, 60), resolutionunit="INCH")
 
 
 def write_job(folder: Path, *, name: str = "job", **changes: Any) -> Path:
@@ -116,7 +114,9 @@ def write_job(folder: Path, *, name: str = "job", **changes: Any) -> Path:
     return path
 
 
-def write_line(folder: Path, endpoints: Mapping[str, str], *, rtu: bool = False, speed: float = 200.0, more: str = "") -> Path:
+def write_line(
+    folder: Path, endpoints: Mapping[str, str], *, rtu: bool = False, speed: float = 200.0, more: str = ""
+) -> Path:
     """Write the line's file for a plant."""
     path = folder / "line.toml"
     plc = endpoints["plc_rtu" if rtu else "plc_tcp"]
@@ -211,8 +211,14 @@ class Workplace:
         source.checksum(0)
         return cls(line, job, source)
 
-    def fork(self, probe: Callable[[str], None], *, log: Path | None = None) -> int:
-        """Start a daemon with an eager operator in a process of its own; returns its number."""
+    def fork(
+        self,
+        probe: Callable[[str], None],
+        *,
+        log: Path | None = None,
+        around: Callable[[Callable[[], int]], int] = lambda work: work(),
+    ) -> int:
+        """Start a daemon with an eager operator in a process of its own, its work within ``around``; gives its number."""
         self.daemons += 1
         pid = os.fork()
         if pid:
@@ -220,7 +226,7 @@ class Workplace:
         code = 70
         try:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
-            code = asyncio.run(eager_operator(self, probe, log))
+            code = around(lambda: asyncio.run(eager_operator(self, probe, log)))
         except BaseException:
             traceback.print_exc()
         finally:
@@ -243,9 +249,7 @@ async def eager_operator(place: Workplace, probe: Callable[[str], None], log: Pa
             with log.open("a") as file:
                 file.write(f"{time.monotonic():.3f} {os.getpid()} {kind} {facts}\n")
 
-    daemon = LineDaemon(
-        place.line, [place.job], probe=probe, log=tell, open_source=lambda _job, _rows: place.source
-    )
+    daemon = LineDaemon(place.line, [place.job], probe=probe, log=tell, open_source=lambda _job, _rows: place.source)
     running = asyncio.create_task(daemon.run())
     code = STUCK
     deadline = time.monotonic() + 120

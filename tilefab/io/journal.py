@@ -186,8 +186,8 @@ class Journal:
             left = states.next_new < facts.faces or states.gaps or states.unprinted or states.reprints
             if found.finished_ms is not None and not left:
                 raise self._error(
-                    f"run {found.run_id} printed all {found.faces} faces of {facts.name!r:.100}: for more of them raise "
-                    "its count, for others change its seed, for single ones order reprints"
+                    f"run {found.run_id} printed all {found.faces} faces of {facts.name!r:.100}: for more of them "
+                    "raise its count, for others change its seed, for single ones order reprints"
                 )
             changes = {"name": facts.name, "job_file": facts.job_file, "faces": facts.faces, "finished_ms": None}
             connection.execute(update(runs).where(runs.c.run_id == found.run_id).values(changes))
