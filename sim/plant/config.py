@@ -70,6 +70,7 @@ class PlcConfig:
     tcp: str = "127.0.0.1:0"
     rtu: str = ""
     baud: int = 19200
+    check_words: bool = True
     boot_seconds: float = 0.3
 
 
@@ -78,6 +79,7 @@ class KilnConfig:
     """The kiln: how long tiles stay, how many break, how their order suffers, how zones heat."""
 
     tcp: str = "127.0.0.1:0"
+    check_words: bool = True
     least_minutes: float = 35.0
     most_minutes: float = 75.0
     cycle_minutes: float = 45.0

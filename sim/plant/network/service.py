@@ -41,8 +41,8 @@ class Service:
         self._lock = threading.RLock()
         self.plant = Plant(config, wall())
         self.faults = FaultBook()
-        self.plc = PlcWindow(self.plant.conveyor)
-        self.kiln = KilnWindow(self.plant.kiln)
+        self.plc = PlcWindow(self.plant.conveyor, check_words=config.plc.check_words)
+        self.kiln = KilnWindow(self.plant.kiln, check_words=config.kiln.check_words)
         belt = config.belt
         self.printer = Controller(
             self.plant.head, config.printer, round(belt.eye_to_head_mm * belt.counts_per_mm), belt.counts_per_mm
@@ -212,6 +212,7 @@ class Service:
         seconds = command.get("seconds")
         lasts = command.get("for_seconds", None if kind in ("late", "reorder", "half_open") else seconds)
         probability = float(command.get("probability", 1.0))
+        checked = {"plc": self.config.plc.check_words, "kiln": self.config.kiln.check_words}
         if kind == "late" and acts == "never":
             raise CommandError("what is never done isn't answered late: that is mute")
         endless = lasts is not None or "probability" in command
@@ -227,7 +228,7 @@ class Service:
             acts=acts,
             match=command.get("match"),
             skip=int(command.get("skip", 0)),
-            anywhere=bool(command.get("anywhere", False)),
+            anywhere=bool(command.get("anywhere", checked.get(device.partition("_")[0], False))),
         )
 
     def _window(self, device: str) -> Window:

@@ -1,6 +1,7 @@
 """Windows of Modbus holding registers: what the controllers show in words, and what the host may write.
 
-Words are big-endian, and of a 32- or 64-bit value the high word comes first.
+Words are big-endian, and of a 32- or 64-bit value the high word comes first. The last two registers may hold a checksum
+of all before them: Modbus TCP has none of its own.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
+from zlib import crc32
 
 from sim.plant.physics.conveyor import Command, Conveyor
 from sim.plant.physics.kiln import ZONES, Kiln, KilnCommand
@@ -57,12 +59,17 @@ class Window:
         What may be written; everything else is read-only.
     wide
         Addresses of 32-bit values, whose words a wrong word order swaps.
+    check_words
+        Whether the last two registers hold the CRC-32 (as of zlib; 0xFFFFFFFF in place of 0) of all registers before
+        them, high byte first. It is made anew for every answer, so a host can check an answer with the whole window in
+        it; of any other it shows what the rest was at that moment.
     """
 
     unit = 1
 
-    def __init__(self, size: int, writable: Sequence[Writable], wide: Sequence[int]) -> None:
+    def __init__(self, size: int, writable: Sequence[Writable], wide: Sequence[int], *, check_words: bool) -> None:
         self.size = size
+        self._check_words = check_words
         self._writable = writable
         self._wide = wide
         self._words = [0] * size
@@ -102,6 +109,10 @@ class Window:
         if self.word_order_wrong:
             for at in self._wide:
                 words[at], words[at + 1] = words[at + 1], words[at]
+        if self._check_words:
+            # Of the words as they go out, in any order: the sum says that they arrived, not that they are right.
+            check = crc32(struct.pack(f">{self.size - 2}H", *words[:-2])) or 0xFFFFFFFF
+            words[-2:] = check >> 16, check & 0xFFFF
         return words[address : address + count]
 
     def write(self, address: int, values: Sequence[int]) -> None:
@@ -152,7 +163,7 @@ class PlcWindow(Window):
 
     unit = 1
 
-    def __init__(self, conveyor: Conveyor) -> None:
+    def __init__(self, conveyor: Conveyor, *, check_words: bool = True) -> None:
         super().__init__(
             64,
             (
@@ -161,6 +172,7 @@ class PlcWindow(Window):
                 *(Writable(37, 2), Writable(39, 2), Writable(41)),
             ),
             wide=(3, 7, 9, 11, 13, 15, 17, 21),
+            check_words=check_words,
         )
         self._conveyor = conveyor
         self._seq = 0
@@ -212,7 +224,7 @@ class KilnWindow(Window):
 
     unit = 2
 
-    def __init__(self, kiln: Kiln) -> None:
+    def __init__(self, kiln: Kiln, *, check_words: bool = True) -> None:
         super().__init__(
             80,
             (
@@ -221,6 +233,7 @@ class KilnWindow(Window):
                 *(Writable(50, 2, 0.1 - 1e-6, 15, real=True), Writable(52, least=350, most=750)),
             ),
             wide=(3, *(10 + 2 * zone for zone in range(ZONES)), *(34 + 2 * zone for zone in range(ZONES)), 50),
+            check_words=check_words,
         )
         self._kiln = kiln
         self.reset()
