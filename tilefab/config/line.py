@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ipaddress
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -11,10 +10,10 @@ from urllib.parse import urlsplit
 
 from pydantic import Field, model_validator
 
-from tilefab.config.loader import read_model
+from tilefab.config.loader import TomlFile, read_model
 from tilefab.config.models import Section
 from tilefab.control.ramp import RampLimits, set_point_problem
-from tilefab.errors import ConfigError, Problem
+from tilefab.errors import ConfigError
 
 ZONES = 8
 """Zones of a kiln."""
@@ -203,22 +202,16 @@ class Line(Section):
 
 
 @dataclass(frozen=True)
-class LineFile:
+class LineFile(TomlFile):
     """A line as read from its file.
 
     Attributes
     ----------
-    path
-        The file.
     line
         What it says, checked.
-    lines
-        Line of each section and key, counted from 1.
     """
 
-    path: Path
     line: Line
-    lines: Mapping[tuple[str, ...], int]
 
     @property
     def name(self) -> str:
@@ -254,11 +247,6 @@ class LineFile:
         """File of the daemon's log, whole."""
         return self.state_directory / "line.log"
 
-    def problem(self, section: str, key: str, message: str) -> Problem:
-        """Describe a problem with one key of this file, at its line."""
-        line = self.lines.get((section, key), self.lines.get((section,)))
-        return Problem(str(self.path), line, f"{section}.{key}", message)
-
     def _beside(self, named: str | None) -> Path:
         """Paths that the file names start at the file, others lie in the state directory."""
         return self.state_directory if named is None else self.path.absolute().parent
@@ -285,7 +273,7 @@ def load_line(path: Path) -> LineFile:
         If it can't be read or anything in it is wrong; carries all problems, in the order of their lines.
     """
     line, lines = read_model(path, Line, "line")
-    file = LineFile(path, line, lines)
+    file = LineFile(path, lines, line)
     length = len(str(file.socket_path).encode())
     if length > _MOST_SOCKET_BYTES:
         message = (

@@ -27,27 +27,37 @@ _Model = TypeVar("_Model", bound=BaseModel)
 
 
 @dataclass(frozen=True)
-class JobFile:
-    """A job as read from its file.
+class TomlFile:
+    """A file that was read.
 
     Attributes
     ----------
     path
         The file.
-    job
-        What it says, checked.
     lines
         Line of each section and key, counted from 1.
     """
 
     path: Path
-    job: Job
     lines: Mapping[tuple[str, ...], int]
 
     def problem(self, section: str, key: str, message: str) -> Problem:
         """Describe a problem with one key of this file, at its line."""
         line = self.lines.get((section, key), self.lines.get((section,)))
         return Problem(str(self.path), line, f"{section}.{key}", message)
+
+
+@dataclass(frozen=True)
+class JobFile(TomlFile):
+    """A job as read from its file.
+
+    Attributes
+    ----------
+    job
+        What it says, checked.
+    """
+
+    job: Job
 
 
 def load_job(path: Path) -> JobFile:
@@ -64,7 +74,7 @@ def load_job(path: Path) -> JobFile:
         If it can't be read or anything in it is wrong; carries all problems, in the order of their lines.
     """
     job, lines = read_model(path, Job, "job")
-    return JobFile(path, job, lines)
+    return JobFile(path, lines, job)
 
 
 def read_model(path: Path, model: type[_Model], kind: str) -> tuple[_Model, Mapping[tuple[str, ...], int]]:

@@ -53,8 +53,6 @@ class FaceBook:
         self.run_id, self.queue = run_id, queue
         self.pool: deque[Intent] = deque()
         self.active: dict[int, ActiveArm] = {}
-        self.sent = 0
-        """Highest arm that the printer may have been told of."""
 
     def update(self, arm_id: int, **changes: object) -> ActiveArm:
         """Change what is known of an active arm."""

@@ -131,7 +131,7 @@ class BringUp:
         arms = [_open_arm(record, book) for record in records]
         found = reconcile(arms, memory, conveyor, Known(last, accepted, trusted))
         self._probe("reconcile.read")
-        found = self._checked(found, {record.arm_id: record for record in records}, book)
+        found = await self._checked(found, {record.arm_id: record for record in records}, book)
         await self._write(found, still)
         self._take(found, records, memory, book)
         await self._keeper.note(CALIBRATED, **asdict(calibration))
@@ -172,19 +172,23 @@ class BringUp:
         await self._ask_printer(read)
         return PrinterMemory(status[-1].boot_id, status[-1].last_accepted_arm, found)
 
-    def _checked(self, found: Reconciliation, records: dict[int, ArmRecord], book: FaceBook) -> Reconciliation:
+    async def _checked(self, found: Reconciliation, records: dict[int, ArmRecord], book: FaceBook) -> Reconciliation:
         """Take faces that were printed from other data than they should have been out of those that may pass."""
         verdicts, waiting = list(found.verdicts), dict(found.waiting)
         for verdict in found.verdicts:
             record = records[verdict.arm_id]
             if verdict.state is not ArmState.PRINTED or verdict.arm_id not in waiting:
                 continue
-            if record.run_id == book.run_id and self._checksum(record.face) == verdict.data_crc32:
+            if record.run_id == book.run_id and await self._sum_of(record.face) == verdict.data_crc32:
                 continue
             del waiting[verdict.arm_id]
             reason = "its data can't be checked" if record.run_id != book.run_id else "printed from other data"
             verdicts.append(Verdict(verdict.arm_id, ArmState.DIVERTED, f"{reason}: its tile is never released"))
         return Reconciliation(tuple(verdicts), waiting, found.continuing)
+
+    async def _sum_of(self, face: int) -> int:
+        """Render a face for its checksum, beside the loop: that takes longer than the devices' patience."""
+        return await asyncio.to_thread(self._checksum, face)
 
     async def _write(self, found: Reconciliation, still: Standstill) -> None:
         changes = [

@@ -400,6 +400,8 @@ class LineDaemon:
         """See that the kiln is at the recipe, however long that takes, and that nothing stands in the way."""
         if self.kiln is not None and self.job is not None:
             self.kiln.bring_to(self.job.kiln)
+            if not self.kiln.at_recipe:
+                self.tell("note", text="waiting for the kiln to be at the job's recipe")
             while not self.kiln.at_recipe:
                 await asyncio.sleep(_WATCH_PERIOD_S)
         plc, printer = (await self._read())[::-1]

@@ -5,13 +5,14 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
 import tilefab
 from tilefab.control import line_machine as machine
 from tilefab.control.ledger import ArmState
-from tilefab.errors import InterlockError, TilefabError
+from tilefab.errors import InterlockError, JournalError, TilefabError
 from tilefab.io.journal import ArmRecord, Journal
 from tilefab.pipeline.line.alarms import alarm_text
 from tilefab.pipeline.line.daemon import LineDaemon, Log
@@ -76,7 +77,9 @@ class Desk:
     async def refresh(self) -> None:
         """Keep what comes from the journal fresh, until cancelled."""
         while True:
-            await self._look()
+            # A journal that fails faults the line by itself; what is shown stays as it was.
+            with suppress(JournalError):
+                await self._look()
             await asyncio.sleep(_REFRESH_S)
 
     async def close(self) -> None:

@@ -258,7 +258,6 @@ class PrinterLoop:
         )
         tile_seq = calibration.tile_seq(edge.detect_seq)
         book.active[intent.arm_id] = ActiveArm(intent, edge.detect_seq, tile_seq, ArmState.INTENT)
-        book.sent = intent.arm_id
         host.faces_wanted()
         self._probe("arm.before")
         return await self._send(session, command, book, asked)

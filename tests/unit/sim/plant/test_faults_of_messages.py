@@ -98,13 +98,33 @@ def test_twice(running, plc):
     assert plc.frame() == plc.frame() == (1, 1, PROBE_REPLY)
 
 
-def test_garble(running, plc):
-    running.fault("plc", "garble", seed=5)
-    plc.send(PROBE)
-    wrong = plc.read(13)
-    right = bytes.fromhex("000100000007") + b"\x01" + PROBE_REPLY
-    assert wrong != right
-    assert wrong[9:] == right[9:]
+def garbled_answers(running, plc, **options):
+    """Right and garbled answers to the same request."""
+    for seed in range(20):
+        running.fault("plc", "garble", seed=seed, **options)
+        plc.send(PROBE)
+        right = plc.tid.to_bytes(2, "big") + bytes.fromhex("0000000701") + PROBE_REPLY
+        wrong = plc.read(13)
+        assert wrong != right
+        yield right, wrong
+
+
+def test_garble_strikes_anywhere_where_check_words_show_it(running, plc):
+    assert any(wrong[9:] != right[9:] for right, wrong in garbled_answers(running, plc))
+
+
+def test_garble_strikes_the_header_only_where_that_is_asked_for(running, plc):
+    assert all(wrong[9:] == right[9:] for right, wrong in garbled_answers(running, plc, anywhere=False))
+
+
+@pytest.mark.parametrize("device", ["plc", "kiln"])
+def test_garble_strikes_the_header_only_of_a_controller_without_check_words(tmp_path, device):
+    config = plant_in(tmp_path, **{device: {"check_words": False}})
+    with running_plant_here(config) as plant:
+        for name in ("plc", "kiln"):
+            plant.fault(name, "garble")
+        anywhere = {fault.device: fault.anywhere for fault in plant.service.faults._faults}
+    assert anywhere == {"plc": device != "plc", "kiln": device != "kiln"}
 
 
 def test_truncate(running, plc):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from zlib import crc32
 
 import pytest
 
@@ -14,6 +15,10 @@ from tests.unit.sim.plant.physics_bench import TO_DIVERTER, Bench
 def words(*values, fmt):
     data = struct.pack(">" + fmt, *values)
     return list(struct.unpack(f">{len(data) // 2}H", data))
+
+
+def check(values):
+    return words(crc32(struct.pack(f">{len(values)}H", *values)), fmt="I")
 
 
 def code(call, *arguments):
@@ -62,7 +67,8 @@ def test_the_whole_plc_window(plc):
     assert seen[21:23] == words(view.tiles_fed, fmt="I")
     assert seen[23:32] == [0] * 9
     assert seen[32:42] == BLOCK
-    assert seen[42:] == [0] * 22
+    assert seen[42:62] == [0] * 20
+    assert seen[62:] == check(seen[:62])
 
 
 @pytest.mark.parametrize(
@@ -172,6 +178,37 @@ def test_a_wrong_word_order_swaps_every_wide_value(plc):
     assert wrong[0:3] == right[0:3]
 
 
+def test_check_words_fit_what_an_answer_shows_however_wrong_that_is(plc):
+    bench, window = plc
+    window.write(32, BLOCK)
+    for freeze, swap in ((False, False), (True, False), (True, True), (False, True)):
+        window.freeze(freeze)
+        window.word_order_wrong = swap
+        bench.after(0.3)
+        window.write(0, [int(bench.wall * 100) & 0xFFFF])
+        seen = window.read(0, 64)
+        assert seen[62:] == check(seen[:62])
+
+
+def test_a_part_of_the_window_shows_the_check_words_of_the_whole_at_that_moment(plc):
+    _, window = plc
+    assert window.read(60, 4) == window.read(0, 64)[60:]
+    before = window.read(62, 2)
+    window.write(0, [1])
+    assert window.read(62, 2) != before
+
+
+def test_a_sum_of_0_is_shown_as_all_ones(plc, monkeypatch):
+    monkeypatch.setattr("sim.plant.wire.window.crc32", lambda _: 0)
+    assert plc[1].read(62, 2) == [0xFFFF, 0xFFFF]
+
+
+def test_controllers_without_check_words_show_0():
+    bench = Bench()
+    assert PlcWindow(bench.conveyor, check_words=False).read(62, 2) == [0, 0]
+    assert KilnWindow(bench.plant.kiln, check_words=False).read(78, 2) == [0, 0]
+
+
 def test_what_was_written_is_forgotten_at_a_boot(plc):
     _, window = plc
     window.write(32, BLOCK)
@@ -204,7 +241,8 @@ def test_the_whole_kiln_window(kiln):
     assert seen[27:32] == [0] * 5
     assert seen[32:34] == [3, 0]
     assert seen[34:53] == KILN_BLOCK[2:]
-    assert seen[53:] == [0] * 27
+    assert seen[53:78] == [0] * 25
+    assert seen[78:] == check(seen[:78])
     assert [zone.set_point for zone in bench.plant.kiln.zones] == [900.5 + zone for zone in range(8)]
     assert (bench.plant.kiln.ramp_degc_min, bench.plant.kiln.cycle_minutes) == (7.5, 40)
 
