@@ -1,7 +1,7 @@
 """A whole line for tests and benchmarks: a simulated plant as a process, daemons that can be killed, and a judge.
 
-The plant is the real `tilefab-sim` on real sockets and ptys. Daemons are forked from a process that has everything loaded,
-so that one can be killed and the next be at work within half a second.
+The plant is the real `tilefab-sim` on real sockets and ptys. Daemons are forked from a process that has everything
+loaded, so that one can be killed and the next be at work within half a second.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -211,6 +211,15 @@ class Workplace:
         source.checksum(0)
         return cls(line, job, source)
 
+    def more(self, faces: int) -> Workplace:
+        """The same line, with a job of so many more faces."""
+        count = self.job.plan.job.tile.count
+        path = self.job.plan.job_file.path
+        text = path.read_text()
+        assert f"count = {count}\n" in text
+        path.write_text(text.replace(f"count = {count}\n", f"count = {count + faces}\n"))
+        return replace(self, job=line_job(plan_job(load_job(path)), self.line))
+
     def fork(
         self,
         probe: Callable[[str], None],
@@ -218,7 +227,7 @@ class Workplace:
         log: Path | None = None,
         around: Callable[[Callable[[], int]], int] = lambda work: work(),
     ) -> int:
-        """Start a daemon with an eager operator in a process of its own, its work within ``around``; gives its number."""
+        """Start a daemon and an eager operator in a process of their own, within ``around``; gives its number."""
         self.daemons += 1
         pid = os.fork()
         if pid:
@@ -256,10 +265,15 @@ async def eager_operator(place: Workplace, probe: Callable[[str], None], log: Pa
     while not running.done() and time.monotonic() < deadline:
         await asyncio.sleep(0.01)
         state = daemon.line.state
-        if state is LineState.STOPPED and not daemon.jobs:
+        if state in (LineState.STOPPED, LineState.HOLDING) and not daemon.jobs:
             code = STOPPED
             break
-        if daemon.line.unacked and state not in (LineState.RUNNING, LineState.DRAINING, LineState.ARMING):
+        # An emergency stop that was acknowledged before its button was out has to be acknowledged again.
+        if (daemon.line.unacked or state is LineState.E_STOPPED) and state not in (
+            LineState.RUNNING,
+            LineState.DRAINING,
+            LineState.ARMING,
+        ):
             daemon.post(machine.OperatorAck(daemon.line.raised))
         for order in (machine.OperatorStart(), machine.OperatorResume()):
             if not machine.refusal(daemon.line, order):
@@ -318,8 +332,9 @@ class Judgement:
 def judge(plant: PlantProcess, place: Workplace, *, finished: bool = True, check_pixels: int = 0) -> Judgement:
     """Hold the journal against what the plant saw with its own eyes.
 
-    No face may be lost (neither printed, nor to come, nor told of), doubled (any row of it on two tiles), silently skipped,
-    passed in part, or recorded as passed when it didn't. ``check_pixels`` faces are compared with what the job renders.
+    No face may be lost (neither printed, nor to come, nor told of), doubled (any row of it on two tiles), silently
+    skipped, passed in part, or recorded as passed when it didn't. ``check_pixels`` faces are compared with what the job
+    renders.
     """
     found = Judgement()
     tiles = plant.do("truth")["tiles"]

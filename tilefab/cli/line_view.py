@@ -210,7 +210,7 @@ def _devices(status: LineStatus) -> Panel:
 def _faces(faces: Iterable[FaceView], now: datetime, width: int) -> RenderableType:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, expand=width > 0)
     table.add_column("face", justify="right")
-    table.add_column("attempt", justify="right")
+    table.add_column("arm", justify="right")
     table.add_column("tile", justify="right")
     table.add_column("became")
     table.add_column("ago", justify="right", no_wrap=True)

@@ -34,6 +34,8 @@ class Head:
         Called with each print that has put down rows.
     on_count
         Called with the names of things to be counted.
+    tile_there
+        The sensor before the head: whether any part of a tile will lie under what is printed from one travel to another.
     """
 
     def __init__(
@@ -44,6 +46,7 @@ class Head:
         boots: random.Random,
         on_print: Callable[[Print], None],
         on_count: Callable[[str], None],
+        tile_there: Callable[[float, float], bool],
     ) -> None:
         self._timeline = timeline
         self._belt = belt
@@ -51,6 +54,7 @@ class Head:
         self._boots = boots
         self._on_print = on_print
         self._on_count = on_count
+        self._tile_there = tile_there
         self.memory = Memory()
         self.ink = [_FULL] * printer.inks
         self.e_stop_pressed = False
@@ -255,7 +259,7 @@ class Head:
     def _start(self, armed: Armed) -> None:
         if armed.state is not State.QUEUED:
             return
-        if self.held:
+        if self.held or not self._tile_there(armed.start_x, armed.start_x + armed.order.rows * armed.pitch_mm):
             self._end(armed, State.MISSED, 0)
         elif not armed.rows_received:
             self._end(armed, State.MISSED, 0)

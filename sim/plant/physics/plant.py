@@ -44,7 +44,7 @@ class Plant:
         self._passage: Passage | None = None
         self._eye = 0
         self._detected = (0, 0)
-        self.head = Head(self.timeline, belt, config.printer, boots, self._printed, self._count)
+        self.head = Head(self.timeline, belt, config.printer, boots, self._printed, self._count, self._tile_there)
         self.gauge = Gauge(config.gauge.seed)
         self.conveyor = Conveyor(self.timeline, belt, boots, self._driven)
         self.kiln = Kiln(self.timeline, config.kiln, boots, self._fired, self.conveyor.kiln_fills)
@@ -168,6 +168,12 @@ class Plant:
             self._passage = None
 
     # The head
+
+    def _tile_there(self, first_x: float, last_x: float) -> bool:
+        head = self.config.belt.eye_to_head_mm
+        return any(
+            tile.lead_x + head < last_x and tile.lead_x + head + tile.length_mm > first_x for tile in self._on_belt
+        )
 
     def _printed(self, print_: Print) -> None:
         head = self.config.belt.eye_to_head_mm

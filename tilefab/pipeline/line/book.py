@@ -52,6 +52,8 @@ class FaceBook:
     def __init__(self, run_id: int, queue: FaceQueue) -> None:
         self.run_id, self.queue = run_id, queue
         self.pool: deque[Intent] = deque()
+        self.coming = 0
+        """Faces that are being put down: taken from the queue, and not yet in the pool."""
         self.active: dict[int, ActiveArm] = {}
 
     def update(self, arm_id: int, **changes: object) -> ActiveArm:
@@ -77,7 +79,7 @@ class FaceBook:
     @property
     def faces_to_go(self) -> int:
         """Faces that still want a tile."""
-        return len(self.pool) + self.queue.remaining
+        return len(self.pool) + self.coming + self.queue.remaining
 
     @property
     def done(self) -> bool:

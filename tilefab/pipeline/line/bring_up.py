@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import asdict, dataclass
 
-from tilefab.control.ledger import ArmState
+from tilefab.control.ledger import ArmState, FaceQueue
 from tilefab.control.reconcile import (
     ConveyorMemory,
     Known,
@@ -20,6 +20,7 @@ from tilefab.control.reconcile import (
 )
 from tilefab.control.tile_tracking import Calibration, Standstill, calibrate
 from tilefab.devices import DisarmStatus, OutcomeState, PlcStatus, PrinterSession, PrinterStatus
+from tilefab.errors import InterlockError
 from tilefab.io.journal import ArmChange, ArmRecord, Intent
 from tilefab.pipeline.line.book import ActiveArm, FaceBook
 from tilefab.pipeline.line.keeper import JournalKeeper
@@ -31,6 +32,7 @@ TILES_MOVED = "tiles_moved"
 """Kind of the journal's note that tiles may have been moved by other means than the belt."""
 
 _REST_S = 0.15
+_STILL_WITHIN_S = 20.0
 _LATEST_ARMS = 256
 _OPEN = (ArmState.INTENT, ArmState.ARMED, ArmState.PRINTED)
 _ACCEPTED = (ArmState.ARMED, ArmState.PRINTED, ArmState.PASSED, ArmState.DIVERTED, ArmState.PARTIAL)
@@ -87,7 +89,10 @@ class BringUp:
     async def standstill(self, counts_per_mm: float) -> Standstill:
         """Wait until neither device sees the belt move, and read both."""
         before = await self._read()
+        deadline = asyncio.get_running_loop().time() + _STILL_WITHIN_S
         while True:
+            if asyncio.get_running_loop().time() > deadline:
+                raise InterlockError("the belt doesn't come to rest, or its encoder trembles", device="plc")
             await asyncio.sleep(_REST_S)
             printer, plc = now = await self._read()
             still = (
@@ -120,8 +125,9 @@ class BringUp:
         last, moved_since = await self._last_calibration()
         calibration = calibrate(still)
         trusted = not moved and not moved_since and _still_holds(last, calibration, round(_SLIP_MM * counts_per_mm))
+        records = await self._keeper.arms(states=_OPEN)
         in_pool = {intent.arm_id for intent in book.pool}
-        records = [record for record in await self._keeper.arms(states=_OPEN) if record.arm_id not in in_pool]
+        records = [record for record in records if record.arm_id not in in_pool]
         accepted = await self._keeper.call(
             lambda journal: max((r.arm_id for r in journal.arms(last=_LATEST_ARMS) if r.state in _ACCEPTED), default=0)
         )
@@ -133,6 +139,10 @@ class BringUp:
         self._probe("reconcile.read")
         found = await self._checked(found, {record.arm_id: record for record in records}, book)
         await self._write(found, still)
+        # The journal is the authority on what comes next, too: whatever was under way when the line was stopped, no
+        # face falls out of the queue.
+        states = await self._keeper.call(lambda journal: journal.face_states(book.run_id))
+        book.queue = FaceQueue(states)
         self._take(found, records, memory, book)
         await self._keeper.note(CALIBRATED, **asdict(calibration))
         self._probe("calibrated.committed")
@@ -188,7 +198,13 @@ class BringUp:
 
     async def _sum_of(self, face: int) -> int:
         """Render a face for its checksum, beside the loop: that takes longer than the devices' patience."""
-        return await asyncio.to_thread(self._checksum, face)
+        work = asyncio.ensure_future(asyncio.to_thread(self._checksum, face))
+        try:
+            return await asyncio.shield(work)
+        except asyncio.CancelledError:
+            # Faces share a buffer, which isn't free before.
+            await asyncio.wait({work})
+            raise
 
     async def _write(self, found: Reconciliation, still: Standstill) -> None:
         changes = [
@@ -210,7 +226,6 @@ class BringUp:
     def _take(self, found: Reconciliation, records: list[ArmRecord], memory: PrinterMemory, book: FaceBook) -> None:
         """Set the book to what was found."""
         known, book.active = book.active, {}
-        last = {verdict.arm_id: verdict.state for verdict in found.verdicts}
         for record in records:
             intent = Intent(record.arm_id, record.run_id, record.face, record.attempt)
             before = known.get(record.arm_id)
@@ -226,8 +241,6 @@ class BringUp:
                 detect_seq = memory.outcomes[record.arm_id].detect_seq
                 tile_seq = found.continuing[record.arm_id]
                 book.active[record.arm_id] = ActiveArm(intent, detect_seq, tile_seq, ArmState.ARMED)
-            elif record.run_id == book.run_id:
-                book.queue.give_back(record.face, record.attempt, last[record.arm_id])
 
 
 async def _read_outcomes(session: PrinterSession, records: list[ArmRecord], found: dict[int, PrintedArm]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from tilefab.control.ledger import ArmState
@@ -12,7 +13,7 @@ from tilefab.devices import PlcCommand, PlcSession, PlcStatus
 from tilefab.errors import DeviceRefused
 from tilefab.io.journal import ArmChange
 from tilefab.pipeline.line.host import LineHost
-from tilefab.pipeline.line.keeper import JournalKeeper
+from tilefab.pipeline.line.keeper import JournalKeeper, WriteBehind
 from tilefab.pipeline.line.probe import Probe, nothing
 
 _RELEASE_WINDOW = 32
@@ -56,18 +57,22 @@ class ConveyorLoop:
     """
 
     def __init__(self, host: LineHost, keeper: JournalKeeper, probe: Probe = nothing) -> None:
-        self._host, self._keeper, self._probe = host, keeper, probe
+        self._host, self._probe = host, probe
+        self._behind = WriteBehind(keeper, self._written, lambda reason: host.fault("journal", reason))
         self.status: PlcStatus | None = None
         self.run_belt = False
         self.feed = False
         self.settings = AT_REST
         self.calibration: Calibration | None = None
         self.counts_per_mm = 0.0
+        self.spoilt_boot = 0
+        """Boot in which the controller holds releases of tiles of an earlier one."""
         self.edges: dict[int, int] = {}
         """The printer's edges, see `PrinterLoop.edges`: shared, not copied."""
         self._commanded: PlcCommand | None = None
         self._commanded_boot = -1
         self._ack_fault: int | None = None
+        self._acked_anew = 0
         self._unseen: tuple[int, float] | None = None
 
     def begin_at(self, calibration: Calibration) -> None:
@@ -79,19 +84,27 @@ class ConveyorLoop:
         """Acknowledge the latched faults that were read last, with the next command."""
         if self.status is not None:
             self._ack_fault = self.status.fault_counter
+            # Also what was acknowledged before must be said again: the button may have been pressed then.
+            self._commanded, self._acked_anew = None, self._acked_anew + 1
 
     async def cycle(self, session: PlcSession) -> None:
         """One round: what the belt does, which tiles were decided, and what it should do."""
         status = await session.poll()
-        before, self.status = self.status, status
-        self._look_at(before, status)
+        self._take_status(status)
         if self.calibration is not None and status.boot_id == self.calibration.plc_boot:
             self._check_tiles(status)
-            await self._decided(status)
+            self._decided(status)
         await self._command(session, status)
+
+    def _take_status(self, status: PlcStatus) -> None:
+        before, self.status = self.status, status
+        self._look_at(before, status)
 
     def _look_at(self, before: PlcStatus | None, status: PlcStatus) -> None:
         host = self._host
+        if before is not None and before.boot_id != status.boot_id:
+            # Faults are counted anew: the same number is another fault.
+            self._ack_fault = None
         for flag, code in (
             (status.jam, "jam"),
             (status.double_feed, "double_feed"),
@@ -139,7 +152,7 @@ class ConveyorLoop:
                 f"the printer has seen tile {calibration.tile_seq(newest)}, the conveyor {status.tile_seq}",
             )
 
-    async def _decided(self, status: PlcStatus) -> None:
+    def _decided(self, status: PlcStatus) -> None:
         book, calibration = self._host.book, self.calibration
         if book is None or calibration is None:
             return
@@ -151,6 +164,7 @@ class ConveyorLoop:
             try:
                 passed = memory.fate(arm.tile_seq)
             except LookupError as error:
+                book.update(arm.intent.arm_id, state=ArmState.IN_DOUBT)
                 changes.append(ArmChange(arm.intent.arm_id, ArmState.IN_DOUBT, reason=str(error)))
                 self._host.doubt("tile_lost", str(error))
                 continue
@@ -162,14 +176,22 @@ class ConveyorLoop:
                 self._host.doubt(
                     "good_tile_diverted", f"tile {arm.tile_seq} with face {arm.intent.face} was scrapped: {reason}"
                 )
+            book.update(arm.intent.arm_id, state=state)
             changes.append(ArmChange(arm.intent.arm_id, state, reason=reason))
             self._host.tile_done(passed)
         if changes:
             self._probe("decided.read")
-            await self._keeper.mark(changes, "decided")
-            for change in changes:
-                if change.arm_id in book.active:
-                    book.close(change.arm_id, change.state)
+            self._behind.write(changes, "decided")
+
+    def _written(self, changes: Sequence[ArmChange]) -> None:
+        book = self._host.book
+        for change in changes:
+            if book is not None and change.arm_id in book.active:
+                book.close(change.arm_id, change.state)
+
+    async def written(self) -> None:
+        """Wait until everything begun is in the journal."""
+        await self._behind.through()
 
     def _wanted(self, status: PlcStatus) -> PlcCommand:
         settings = self.settings
@@ -210,16 +232,22 @@ class ConveyorLoop:
         releasing = wanted.release_bits != 0
         if releasing:
             self._probe("release.before")
-        self._commanded = None
+        self._commanded, acknowledging = None, self._acked_anew
         try:
-            self.status = await session.command(wanted)
+            after = await session.command(wanted)
         except DeviceRefused as error:
             self._host.doubt("plc_refused", error.message)
             return
-        self._commanded, self._commanded_boot = wanted, status.boot_id
+        if releasing and after.boot_id != status.boot_id:
+            # It was restarted in between, and took releases of tiles that it has yet to count.
+            self.spoilt_boot = after.boot_id
+        self._take_status(after)
+        if acknowledging == self._acked_anew:
+            self._commanded, self._commanded_boot = wanted, after.boot_id
         book = self._host.book
         if releasing and book is not None:
             for arm in book.in_state(ArmState.PRINTED):
-                if arm.tile_seq is not None and wanted.release_bits >> max(0, arm.tile_seq - wanted.release_base) & 1:
+                bit = -1 if arm.tile_seq is None else arm.tile_seq - wanted.release_base
+                if 0 <= bit < _RELEASE_WINDOW and wanted.release_bits >> bit & 1:
                     book.update(arm.intent.arm_id, released=True)
             self._probe("release.acked")

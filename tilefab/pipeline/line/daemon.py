@@ -48,6 +48,7 @@ _TURN_S = 0.005
 _SESSIONS_SINCE_S = 1_767_225_600
 """2026-01-01, from which sessions are counted in seconds, if the journal that counted them was lost."""
 
+_RUNS_LOOKED_AT = 1000
 _ANSWER_S = 5.0
 """Longest wait for a device that was there a moment ago."""
 
@@ -126,8 +127,8 @@ class LineDaemon:
         self._streamer: Streamer | None = None
         self._probe, self._open_source = probe, open_source
         self._session = 0
-        self._moved = False
-        self._filling = False
+        self._moved = self._closed = False
+        self._filling: asyncio.Task[None] | None = None
         self._watched = 0
         self._tasks: set[asyncio.Task[Any]] = set()
         self._answering: asyncio.Task[machine.Event] | None = None
@@ -206,11 +207,13 @@ class LineDaemon:
             await asyncio.gather(*running, *self._tasks, return_exceptions=True)
             await self._close_streamer()
             await self.printer.written()
+            await self.conveyor.written()
+            self._closed = True
             await self.keeper.close()
 
     async def _leave(self) -> None:
         """Leave the line at rest: its devices would stop by themselves, but late and with an alarm."""
-        if self.line.state in machine.MOVING:
+        if self.line.state in machine.ACTIVE:
             self.post(machine.OperatorHold())
         with suppress(TimeoutError):
             async with asyncio.timeout(_ANSWER_S):
@@ -273,9 +276,8 @@ class LineDaemon:
 
     def faces_wanted(self) -> None:
         """More faces are to be put down."""
-        if not self._filling and self._book is not None and len(self._book.pool) < INTENTS_AHEAD // 2:
-            self._filling = True
-            self._start(self._fill(self._book))
+        if self._filling is None and self._book is not None and len(self._book.pool) < INTENTS_AHEAD // 2:
+            self._filling = self._start(self._fill(self._book))
 
     def releases_wanted(self) -> None:
         """Tiles are to be released as soon as can be."""
@@ -317,6 +319,7 @@ class LineDaemon:
                 self.printer_link.hurry()
             case machine.AckPlc():
                 self.conveyor.acknowledge()
+                self.printer.acknowledge()
                 self.plc_link.hurry()
             case machine.CancelArms():
                 self._start(self._cancel_arms())
@@ -336,7 +339,8 @@ class LineDaemon:
     def tell(self, kind: str, **facts: object) -> None:
         """Write an event to the log and the journal."""
         self._log(kind, **facts)
-        self._start(self.keeper.note(kind, **facts))
+        if not self._closed:
+            self._start(self.keeper.note(kind, **facts))
 
     # What the machine asks.
 
@@ -373,6 +377,7 @@ class LineDaemon:
         """Open the job that comes first in the queue, unless it is open."""
         if self._book is not None and self._book.done:
             await self._end_job()
+        await self._drop_finished()
         if self._book is None:
             if not self.jobs:
                 raise InterlockError("no job waits: queue one", device="line")
@@ -384,13 +389,28 @@ class LineDaemon:
             self.tell("job", run_id=run_id, name=job.plan.name, faces=job.plan.job.tile.count)
         return machine.ChangeoverReady()
 
+    async def _drop_finished(self) -> None:
+        """Take jobs out of the queue that were printed before, as those that a restarted daemon is given again."""
+        runs = await self.keeper.call(lambda journal: journal.runs(last=_RUNS_LOOKED_AT))
+        finished = {run.facts.job_hash: run.facts.faces for run in runs if run.finished_at is not None}
+        while self._book is None and self.jobs:
+            job = self.jobs[0]
+            if job.plan.job.tile.count > finished.get(job.plan.job_hash, 0):
+                return
+            self.jobs.popleft()
+            self.warn(
+                "job_refused",
+                f"all faces of {job.plan.name} were printed: for more of them raise its count, for others change its "
+                "seed, for single ones order reprints",
+            )
+
     async def _end_job(self) -> None:
         """Put down that the job is done."""
         book = self._book
         if book is None:
             return
         await self._close_streamer()
-        await self.printer.written()
+        await self._all_written()
         await self.keeper.call(lambda journal: journal.finish_run(book.run_id))
         self._probe("run.finished")
         self._book = self.source = self.job = None
@@ -412,6 +432,8 @@ class LineDaemon:
             "diverter fault": plc.diverter_fault,
             "no ink": printer.ink_out,
             "failed nozzle": printer.nozzle_out,
+            "releases of an earlier life of the conveyor's controller: restart it": plc.boot_id
+            == self.conveyor.spoilt_boot,
         }
         found = [what for what, stands in standing.items() if stands]
         if found:
@@ -427,7 +449,7 @@ class LineDaemon:
         self.printer.calibration = self.conveyor.calibration = None
         await self._close_streamer()
         await self._read()
-        await self.printer.written()
+        await self._all_written()
         self._session = await self._new_session()
         self.printer_link.renew()
         await self._read()
@@ -438,8 +460,13 @@ class LineDaemon:
         await self._skip_arms()
         self.conveyor.counts_per_mm = identity.counts_per_mm
         bring_up = BringUp(self.keeper, self._read, self._ask_printer, source.checksum, self._probe)
-        found = await bring_up.settle(book, moved=self._moved, counts_per_mm=identity.counts_per_mm)
-        self._moved = False
+        moved, self._moved = self._moved, False
+        try:
+            found = await bring_up.settle(book, moved=moved, counts_per_mm=identity.counts_per_mm)
+        except BaseException:
+            self._moved |= moved
+            raise
+        book.coming = 0
         self._streamer = self._new_streamer(source)
         for arm_id, face in found.streaming:
             self._streamer.submit(arm_id, face)
@@ -465,6 +492,13 @@ class LineDaemon:
                 await self._ask_printer(disarm)
         await self._give_up_pool(book)
 
+    async def _all_written(self) -> None:
+        """Wait until the journal has all that was begun."""
+        if self._filling is not None:
+            await asyncio.wait({self._filling})
+        await self.printer.written()
+        await self.conveyor.written()
+
     async def _new_session(self) -> int:
         """A session above every earlier one, even if the journal that counted them was lost."""
         floor = max(0, int(time.time()) - _SESSIONS_SINCE_S)
@@ -476,8 +510,13 @@ class LineDaemon:
         last = await self.keeper.call(lambda journal: journal.last_arm())
         if status is not None and status.last_accepted_arm > last:
             accepted = status.last_accepted_arm
-            self.warn("journal_behind", f"the printer remembers arm {accepted}, the journal none above {last}")
             await self.keeper.call(lambda journal: journal.skip_arms(accepted))
+            raise InterlockError(
+                f"the printer remembers arm {accepted}, the journal none above {last}: faces that were printed "
+                "meanwhile come again once you resume",
+                device="printer",
+                code="journal_behind",
+            )
 
     # Devices.
 
@@ -555,11 +594,14 @@ class LineDaemon:
         """Put down the next faces, so that tiles never wait for a disk."""
         try:
             while len(book.pool) < INTENTS_AHEAD and (faces := book.queue.take(INTENTS_AHEAD - len(book.pool))):
+                book.coming = len(faces)
                 book.pool.extend(await self.keeper.intend(book.run_id, faces))
+                book.coming = 0
         except JournalError as error:
+            # Faces that were taken come back when the line is brought up.
             self.fault("journal", error.message)
         finally:
-            self._filling = False
+            self._filling = None
         if self._streamer is not None:
             self._streamer.expect([intent.face for intent in book.pool])
 

@@ -92,6 +92,7 @@ class DeviceLink(Generic[S]):
         self._errors = 0
         self._last_error = ""
         self._wake = asyncio.Event()
+        self._patience: asyncio.TimerHandle | None = None
         self._renew = False
         self.turns = 0
         """Sound cycles so far."""
@@ -123,7 +124,6 @@ class DeviceLink(Generic[S]):
         """Ask in turn until cancelled."""
         loop = asyncio.get_running_loop()
         self._last_good = None
-        silent_since = loop.time()
         backoff = Backoff()
         try:
             while True:
@@ -135,15 +135,12 @@ class DeviceLink(Generic[S]):
                 except DeviceError as error:
                     self._errors += 1
                     self._last_error = error.message
-                    since = self._last_good if self._last_good is not None else silent_since
-                    if self._present and loop.time() - since > LOST_AFTER_S:
-                        self._present = False
-                        self._lost(self.name, error.message)
                     if self._session is None or not self._session.connected:
                         await self._drop()
                         due = loop.time() + backoff.next_s()
                 else:
                     self._last_good = loop.time()
+                    self._expect_more(loop)
                     self.turns += 1
                     backoff.reset()
                     if not self._present:
@@ -151,7 +148,21 @@ class DeviceLink(Generic[S]):
                         self._back(self.name)
                 await self._rest(due)
         finally:
+            if self._patience is not None:
+                self._patience.cancel()
             await self._drop()
+
+    def _expect_more(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Count the device as lost if no sound answer follows in time, whatever is being waited for then."""
+        if self._patience is not None:
+            self._patience.cancel()
+        self._patience = loop.call_later(LOST_AFTER_S, self._out_of_patience)
+
+    def _out_of_patience(self) -> None:
+        self._patience = None
+        if self._present:
+            self._present = False
+            self._lost(self.name, self._last_error or "no answer")
 
     async def _connected_session(self) -> S:
         if self._renew:

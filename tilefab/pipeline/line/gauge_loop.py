@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from tilefab.devices import GaugeReading, GaugeSession
+from tilefab.errors import DeviceRefused
 from tilefab.pipeline.line.keeper import JournalKeeper
 
 GAUGED = "gauged"
@@ -24,7 +25,11 @@ class GaugeLoop:
 
     async def cycle(self, session: GaugeSession) -> None:
         """Read the gauge; a tile that it hasn't told of yet goes into the journal."""
-        reading = await session.measure()
+        try:
+            reading = await session.measure()
+        except DeviceRefused:
+            # It answers, but has nothing to tell: no tile lies under it yet.
+            return
         before, self.reading = self.reading, reading
         if before is None or reading.tiles == before.tiles:
             return

@@ -88,3 +88,45 @@ class JournalKeeper:
 
     async def _run(self, work: Callable[[], _T]) -> _T:
         return await asyncio.get_running_loop().run_in_executor(self._thread, work)
+
+
+class WriteBehind:
+    """Changes that are put down while the loop goes on; in the order in which they were given.
+
+    Parameters
+    ----------
+    keeper
+        The journal.
+    written
+        Called with changes that are in the journal for good.
+    failed
+        Called with what went wrong.
+    """
+
+    def __init__(
+        self,
+        keeper: JournalKeeper,
+        written: Callable[[Sequence[ArmChange]], None],
+        failed: Callable[[str], None],
+    ) -> None:
+        self._keeper, self._written, self._failed = keeper, written, failed
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    def write(self, changes: Sequence[ArmChange], step: str) -> None:
+        """Put changes down, without waiting."""
+        task = asyncio.get_running_loop().create_task(self._write(changes, step))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def through(self) -> None:
+        """Wait until everything given so far is in the journal, or has failed."""
+        while self._tasks:
+            await asyncio.wait(self._tasks)
+
+    async def _write(self, changes: Sequence[ArmChange], step: str) -> None:
+        try:
+            await self._keeper.mark(changes, step)
+        except Exception as error:
+            self._failed(f"the journal can't be written: {error}")
+        else:
+            self._written(changes)

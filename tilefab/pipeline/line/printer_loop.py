@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tilefab.control.ledger import OPEN, ArmState
@@ -22,7 +23,7 @@ from tilefab.errors import DeviceError
 from tilefab.io.journal import ArmChange
 from tilefab.pipeline.line.book import ActiveArm, FaceBook
 from tilefab.pipeline.line.host import LineHost
-from tilefab.pipeline.line.keeper import JournalKeeper
+from tilefab.pipeline.line.keeper import JournalKeeper, WriteBehind
 from tilefab.pipeline.line.probe import Probe, nothing
 from tilefab.pipeline.line.timing import Latencies
 
@@ -71,7 +72,8 @@ class PrinterLoop:
     """
 
     def __init__(self, host: LineHost, keeper: JournalKeeper, probe: Probe = nothing) -> None:
-        self._host, self._keeper, self._probe = host, keeper, probe
+        self._host, self._probe = host, probe
+        self._behind = WriteBehind(keeper, self._written, lambda reason: host.fault("journal", reason))
         self.identity: PrinterIdentity | None = None
         self.status: PrinterStatus | None = None
         self.job: PrintJob | None = None
@@ -87,10 +89,10 @@ class PrinterLoop:
         self._waiting: deque[Detection] = deque()
         self._unsure: ArmCommand | None = None
         self._hold_wanted = self._clear_wanted = self._cleared = False
+        self._acked: int | None = None
         self._outcome_seen = 0
         self._outcomes_due = 0.0
         self._unsummed: dict[int, float] = {}
-        self._writing: set[asyncio.Task[None]] = set()
 
     def begin_at(self, calibration: Calibration, job: PrintJob) -> None:
         """Give faces to the tiles that come from now on."""
@@ -109,6 +111,12 @@ class PrinterLoop:
     def clear(self) -> None:
         """Let the printer print, from the next cycle on."""
         self._hold_wanted, self._clear_wanted = False, True
+
+    def acknowledge(self) -> None:
+        """Take back the faults that were read last, as soon as the belt rests; the printer goes on holding."""
+        status = self.status
+        if status is not None and (status.e_stop or status.ink_out or status.nozzle_out):
+            self._acked = status.fault_counter
 
     async def greet(self, session: PrinterSession) -> None:
         """Begin a session."""
@@ -130,8 +138,9 @@ class PrinterLoop:
             await self._clear(session)
         asked = asyncio.get_running_loop().time()
         status = await session.status()
-        before, self.status = self.status, status
-        self._look_at(before, status)
+        before = self._take_status(status)
+        if self._acked is not None and before is not None and before.encoder_counts == status.encoder_counts:
+            await self._acknowledge(session, self._acked)
         if self.calibration is None or status.boot_id != self.calibration.printer_boot:
             return
         if self._unsure is not None and self._host.may_print:
@@ -146,15 +155,35 @@ class PrinterLoop:
         await self._lengths(session)
         await self.look_at_outcomes(session, status)
 
+    def _take_status(self, status: PrinterStatus) -> PrinterStatus | None:
+        before, self.status = self.status, status
+        self._look_at(before, status)
+        return before
+
+    async def _acknowledge(self, session: PrinterSession, fault_counter: int) -> None:
+        # Clearing also ends the hold, which must not last beyond a standing belt's next look.
+        self._acked, self._hold_wanted = None, True
+        await session.clear(fault_counter)
+        await session.hold()
+        self._hold_wanted = False
+
     async def _clear(self, session: PrinterSession) -> None:
-        done = await session.clear((await session.status()).fault_counter)
-        if not self._clear_wanted:
-            # Held meanwhile: the next cycle sees to it.
+        # Only what was looked at is cleared: an emergency stop seen here makes the line hold.
+        status = await session.status()
+        self._take_status(status)
+        if self._held_meanwhile():
+            return
+        done = await session.clear(status.fault_counter)
+        if self._held_meanwhile():
+            # The next cycle sees to it.
             self._hold_wanted = True
             return
         self._clear_wanted, self._cleared = False, done
         if not done:
             self._host.doubt("printer_held", "the printer can't be cleared: see to its ink, nozzles and stop button")
+
+    def _held_meanwhile(self) -> bool:
+        return not self._clear_wanted
 
     def _look_at(self, before: PrinterStatus | None, status: PrinterStatus) -> None:
         host = self._host
@@ -287,7 +316,7 @@ class PrinterLoop:
             arm = book.update(command.arm_id, state=ArmState.ARMED)
             if self._host.streamer is not None:
                 self._host.streamer.submit(command.arm_id, command.face)
-            self._write([self._change(arm, ArmState.ARMED)], "armed")
+            self._behind.write([self._change(arm, ArmState.ARMED)], "armed")
             return True
         if reply.status is ArmStatus.NOT_ABOVE_LAST:
             # The number was used for something else: the arm stays open until the line is reconciled.
@@ -333,7 +362,7 @@ class PrinterLoop:
             ]
             if changes:
                 self._probe("outcome.read")
-                self._write(changes, "printed")
+                self._behind.write(changes, "printed")
             last = found[-1].arm_id if found else max(wanted)
             begin = last + 1 if last < max(wanted) else None
 
@@ -360,6 +389,10 @@ class PrinterLoop:
             if arm.tile_seq is None:
                 printed = self._change(arm, ArmState.PRINTED, outcome)
                 reason = "tiles were moved: its tile is never released"
+                return [printed, *self._end(book, arm, ArmState.DIVERTED, outcome, reason)]
+            if self.status is not None and self.status.nozzle_out:
+                printed = self._change(arm, ArmState.PRINTED, outcome)
+                reason = "a nozzle may have been out: its tile is never released"
                 return [printed, *self._end(book, arm, ArmState.DIVERTED, outcome, reason)]
             arm = book.update(arm_id, state=ArmState.PRINTED)
             return [self._change(arm, ArmState.PRINTED, outcome)]
@@ -393,18 +426,8 @@ class PrinterLoop:
             reason=reason,
         )
 
-    def _write(self, changes: list[ArmChange], step: str) -> None:
-        """Put changes down without waiting; a printed tile may be released once they are."""
-        task = asyncio.get_running_loop().create_task(self._written(changes, step))
-        self._writing.add(task)
-        task.add_done_callback(self._writing.discard)
-
-    async def _written(self, changes: list[ArmChange], step: str) -> None:
-        try:
-            await self._keeper.mark(changes, step)
-        except Exception as error:
-            self._host.fault("journal", f"the journal can't be written: {error}")
-            return
+    def _written(self, changes: Sequence[ArmChange]) -> None:
+        """Go on from what the journal has: a printed tile may be released, a face without a print comes again."""
         book = self._host.book
         for change in changes:
             if book is None or change.arm_id not in book.active:
@@ -417,5 +440,4 @@ class PrinterLoop:
 
     async def written(self) -> None:
         """Wait until everything begun is in the journal."""
-        while self._writing:
-            await asyncio.gather(*self._writing)
+        await self._behind.through()

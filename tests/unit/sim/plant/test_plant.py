@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sim.plant.physics.conveyor import Trouble
-from sim.plant.physics.faces import ArmAnswer
+from sim.plant.physics.faces import ArmAnswer, State
 from sim.plant.physics.tiles import NumberSet
 from tests.unit.sim.plant.physics_bench import EYE_TO_HEAD, Bench
 
@@ -83,7 +83,7 @@ def test_tiles_longer_than_the_controller_was_told_are_taken_for_two():
     assert bench.trouble == Trouble.DOUBLE_FEED
 
 
-def test_a_tile_that_falls_off_leaves_its_print_beside_all_tiles():
+def test_no_print_begins_where_no_tile_is():
     bench = Bench()
     bench.start(**ALL)
     bench.wait_for_tile()
@@ -92,11 +92,27 @@ def test_a_tile_that_falls_off_leaves_its_print_beside_all_tiles():
     bench.plant.missing_tile("belt")
     bench.until_travel(800 + EYE_TO_HEAD + 601)
     assert bench.truth()[1]["fate"] == "removed"
+    assert [arm.state for arm in bench.head.outcomes(1)] == [State.MISSED]
+    counts = bench.counts()
+    assert (counts["missed"], counts["underruns"], counts["prints"]) == (1, 0, 0)
+    bench.until_travel(800 + EYE_TO_HEAD + 2001)
+    assert bench.conveyor.view().decided_seq == 1
+
+
+def test_a_tile_taken_away_while_it_is_printed_leaves_its_print_beside_all_tiles():
+    bench = Bench()
+    bench.start(**ALL)
+    bench.wait_for_tile()
+    print_on(bench, 1, 1)
+    bench.until_travel(800 + EYE_TO_HEAD + 300)
+    bench.plant.jam()
+    bench.plant.jam_clear(remove=True)
+    bench.command(**ALL, ack_fault=1)
+    bench.command(**ALL)
+    bench.until_travel(800 + EYE_TO_HEAD + 601)
     (beside,) = bench.plant.truth.view()["beside"]
     assert (beside["arm"], beside["on_tile"], beside["offset_mm"]) == (1, False, None)
     assert bench.counts()["prints_beside"] == 1
-    bench.until_travel(800 + EYE_TO_HEAD + 2001)
-    assert bench.conveyor.view().decided_seq == 1
 
 
 def test_a_gap_of_the_loader_counts_as_fed_and_is_never_seen():
