@@ -12,7 +12,7 @@ from pathlib import Path
 import tilefab
 from tilefab.control import line_machine as machine
 from tilefab.control.ledger import ArmState
-from tilefab.errors import InterlockError, JournalError, TilefabError
+from tilefab.errors import InterlockError, JournalError
 from tilefab.io.journal import ArmRecord, Journal
 from tilefab.pipeline.line.alarms import alarm_text
 from tilefab.pipeline.line.daemon import LineDaemon, Log
@@ -59,7 +59,7 @@ class Desk:
         self._last: tuple[FaceView, ...] = ()
         self._doubts: tuple[int, ...] = ()
         self._in_doubt = 0
-        self._preparing: set[asyncio.Task[None]] = set()
+        self._preparing = asyncio.Lock()
 
     def attend(self, daemon: LineDaemon) -> None:
         """Look after a daemon."""
@@ -81,12 +81,6 @@ class Desk:
             with suppress(JournalError):
                 await self._look()
             await asyncio.sleep(_REFRESH_S)
-
-    async def close(self) -> None:
-        """Give up jobs that are being prepared."""
-        for task in self._preparing:
-            task.cancel()
-        await asyncio.gather(*self._preparing, return_exceptions=True)
 
     def status(self) -> LineStatus:
         """How the line is doing."""
@@ -206,22 +200,14 @@ class Desk:
         self._doubts = tuple(record.face for record in doubts[:_DOUBTS_NAMED])
 
     async def _queue(self, path: Path) -> str:
-        """Put a job behind the others; its maps are made beside, without holding up the line."""
+        """Put a job behind the others, once its maps are made: beside the line, one after the other, in this order."""
         daemon = self._attended()
-
-        async def prepare() -> None:
-            try:
-                job = await prepare_job(path, daemon.line_file)
-            except TilefabError as error:
-                daemon.warn("job_refused", f"{path.name} isn't queued: {error.message}")
-            else:
-                daemon.jobs.append(job)
-                daemon.tell("queued", job=job.plan.name)
-
-        task = asyncio.get_running_loop().create_task(prepare())
-        self._preparing.add(task)
-        task.add_done_callback(self._preparing.discard)
-        return f"{path.name} is checked and prepared; it joins the queue once its maps are made"
+        async with self._preparing:
+            job = await prepare_job(path, daemon.line_file)
+            daemon.jobs.append(job)
+        daemon.tell("queued", job=job.plan.name)
+        before = len(daemon.jobs) - 1
+        return f"{job.plan.name} is queued" + (f" behind {before} other{'s' * (before > 1)}" if before else "")
 
     async def _reprint(self, face: int) -> str:
         daemon = self._attended()

@@ -21,6 +21,9 @@ from tilefab.pipeline.plan import Plan, plan_job
 from tilefab.pipeline.progress import Silent
 from tilefab.units import MM_PER_INCH
 
+_MAKER = "import os; os.nice(10); from tilefab.cli.main import main; main()"
+"""Makes maps with what the line leaves of the processors."""
+
 
 @dataclass(frozen=True)
 class LineJob:
@@ -126,18 +129,21 @@ async def prepare_job(path: Path, line_file: LineFile) -> LineJob:
         If its maps can't be made.
     """
     job = line_job(await asyncio.to_thread(lambda: plan_job(load_job(path))), line_file)
-    maker = await asyncio.create_subprocess_exec(
-        sys.executable,
-        "-c",
-        "from tilefab.cli.main import main; main()",
-        "map",
-        "build",
-        str(path),
-        "--json",
-        stdin=asyncio.subprocess.DEVNULL,
-        stdout=asyncio.subprocess.DEVNULL,
-        stderr=asyncio.subprocess.PIPE,
-    )
+    try:
+        maker = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-c",
+            _MAKER,
+            "map",
+            "build",
+            str(path),
+            "--json",
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.DEVNULL,
+            stderr=asyncio.subprocess.PIPE,
+        )
+    except OSError as error:
+        raise OutputError(f"{path}: its maps can't be made: {error.strerror}", path=str(path)) from error
     try:
         _, told = await maker.communicate()
     except asyncio.CancelledError:
