@@ -220,8 +220,8 @@ ALARMS: Mapping[str, AlarmText] = {
     ),
     "changeover_failed": AlarmText(
         "The next job can't be taken up",
-        "The job can't be opened: the alarm's text says why.",
-        "Put right what the text says, or queue another job; then acknowledge and resume.",
+        "The job can't be opened, and was taken out of the queue: the alarm's text says why. Without any job it says so.",
+        "Put right what the text says and queue the job again, or go on with those behind it: acknowledge and resume.",
     ),
     "not_ready": AlarmText(
         "A device isn't ready",

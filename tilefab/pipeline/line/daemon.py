@@ -380,10 +380,16 @@ class LineDaemon:
         await self._drop_finished()
         if self._book is None:
             if not self.jobs:
-                raise InterlockError("no job waits: queue one", device="line")
+                raise InterlockError("no job waits: queue one", device="line", code="changeover_failed")
             job = self.jobs[0]
-            source = await asyncio.to_thread(self._open_source, job, self.line_file.line.line.stream_strip_rows)
-            run_id = await self.keeper.start_run(job.run_facts(source))
+            try:
+                source = await asyncio.to_thread(self._open_source, job, self.line_file.line.line.stream_strip_rows)
+                run_id = await self.keeper.start_run(job.run_facts(source))
+            except TilefabError as error:
+                # It can't be begun or gone on with as it is; those behind it must not wait for it.
+                self.jobs.popleft()
+                why = f"{error.message}; {job.plan.name} was taken out of the queue"
+                raise InterlockError(why, device="line", code="changeover_failed") from error
             states = await self.keeper.call(lambda journal: journal.face_states(run_id))
             self.job, self.source, self._book = job, source, FaceBook(run_id, FaceQueue(states))
             self.tell("job", run_id=run_id, name=job.plan.name, faces=job.plan.job.tile.count)
