@@ -10,8 +10,9 @@ import random
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from itertools import count
-from typing import Any
+from typing import Any, TextIO
 
 from tests.line_workshop import PlantProcess
 
@@ -52,6 +53,8 @@ class Fate:
         Decides everything.
     every_s
         Mean wall time between two faults.
+    log
+        Where all that is done is written to, a line each.
     struck
         Faults set so far, by kind.
     wrong
@@ -61,6 +64,7 @@ class Fate:
     plant: PlantProcess
     chance: random.Random
     every_s: float
+    log: TextIO
     struck: Counter[str] = field(default_factory=Counter)
     wrong: list[str] = field(default_factory=list)
 
@@ -86,7 +90,7 @@ class Fate:
         """Mend everything, and let nothing more happen."""
         while self._mends:
             heapq.heappop(self._mends)[2]()
-        self.plant.do("clear")
+        self._do("clear")
 
     def _strike(self, now: float) -> None:
         kind = self.chance.choices(("message", "view", "reboot", "power", "plant"), (55, 8, 8, 1, 28))[0]
@@ -101,7 +105,7 @@ class Fate:
             self._set(device, what, seconds=self.chance.uniform(0.1, 1.0))
         elif kind == "power":
             self.struck["power_cut"] += 1
-            self.plant.do("power_cut", seconds=self.chance.uniform(0.1, 1.0))
+            self._do("power_cut", seconds=self.chance.uniform(0.1, 1.0))
         else:
             self._plant(self.chance.choice(PLANT), now)
 
@@ -133,7 +137,7 @@ class Fate:
         elif kind == "jam":
             self._set("plc", kind, slip_mm=chance.choice((0.0, 0.0, 25.0)))
             remove = chance.random() < 0.3
-            self._later(mend_at, kind, lambda: self.plant.fault("plc", "jam_clear", remove=remove))
+            self._later(mend_at, kind, lambda: self._fault("plc", "jam_clear", remove=remove))
         elif kind == "double_feed":
             self._set("plc", kind)
         elif kind == "missing_tile":
@@ -142,14 +146,22 @@ class Fate:
             zone = chance.randrange(8)
             self._set("kiln", kind, zone=zone, degc=chance.choice((-20.0, 20.0)), minutes=10.0)
             mend = {"zone": zone, "degc": 0.0, "minutes": 1.0}
-            self._later(mend_at, kind, lambda: self.plant.fault("kiln", "zone_drift", **mend))
+            self._later(mend_at, kind, lambda: self._fault("kiln", "zone_drift", **mend))
         else:
             self._set("plc", kind)
-            self._later(mend_at, kind, lambda: self.plant.fault("plc", _MENDED_BY[kind]))
+            self._later(mend_at, kind, lambda: self._fault("plc", _MENDED_BY[kind]))
 
     def _set(self, device: str, kind: str, **options: Any) -> None:
         self.struck[kind] += 1
-        self.plant.fault(device, kind, **options)
+        self._fault(device, kind, **options)
+
+    def _fault(self, device: str, kind: str, **options: Any) -> None:
+        self._do("fault", device=device, kind=kind, **options)
+
+    def _do(self, what: str, **options: Any) -> None:
+        self.log.write(f"{datetime.now(UTC).isoformat(timespec='milliseconds')} {what} {options}\n")
+        self.log.flush()
+        self.plant.do(what, **options)
 
     def _later(self, at: float, kind: str, mend: Callable[[], None]) -> None:
         self._standing.add(kind)
@@ -172,4 +184,4 @@ class Fate:
                 f"with the emergency stop pressed, the belt moved by {travel - before[0]:.1f} mm and {prints - before[1]} "
                 "prints were made"
             )
-        self.plant.fault("plc", "e_stop_release")
+        self._fault("plc", "e_stop_release")

@@ -18,7 +18,7 @@ import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from tests.line_fate import Fate
 from tests.line_operator import STOPPED, Operator
@@ -36,7 +36,7 @@ HOUR_S = 3600.0
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 _TURN_S = 0.02
 _LOOK_EVERY_S = 1.0
-_STUCK_S = 120.0
+_STUCK_S = 60.0
 _TELL_EVERY = 24
 _CHECK_PIXELS_EVERY = 50
 _WARM_DEGC = (28.0, 29.0)
@@ -208,8 +208,8 @@ def live(folder: Path, terms: Terms, told: Callable[[str], None] = lambda _: Non
         line.state_directory.mkdir(exist_ok=True)
         daemon = Daemon(line, jobs, terms)
         try:
-            with contextlib.closing(_look_into(line, daemon)) as journal:
-                return _look_on(plant, journal, sources, terms, daemon, told)
+            with contextlib.closing(_look_into(line, daemon)) as journal, (folder / "faults.log").open("w") as log:
+                return _look_on(plant, journal, sources, terms, daemon, log, told)
         finally:
             daemon.close()
 
@@ -309,9 +309,10 @@ def _look_on(
     sources: Mapping[str, FaceSource],
     terms: Terms,
     daemon: Daemon,
+    log: TextIO,
     told: Callable[[str], None],
 ) -> Month:
-    month, fate = Month(), Fate(plant, random.Random(terms.seed), terms.fault_every_s)
+    month, fate = Month(), Fate(plant, random.Random(terms.seed), terms.fault_every_s, log)
     witness = Witness(journal, plant, lambda name, face: sources[name].checksum(face), check_every=_CHECK_PIXELS_EVERY)
     processes = {"daemon": daemon.pid, "simulator": plant.pid, "witness": os.getpid()}
     began = next_look = time.monotonic()

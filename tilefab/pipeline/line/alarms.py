@@ -220,7 +220,7 @@ ALARMS: Mapping[str, AlarmText] = {
     ),
     "changeover_failed": AlarmText(
         "The next job can't be taken up",
-        "The job can't be opened, and was taken out of the queue: the alarm's text says why. Without any job it says so.",
+        "The job can't be opened and was taken out of the queue, or there is none: the alarm's text says why.",
         "Put right what the text says and queue the job again, or go on with those behind it: acknowledge and resume.",
     ),
     "not_ready": AlarmText(

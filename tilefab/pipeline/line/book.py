@@ -24,18 +24,21 @@ class ActiveArm:
         Its tile, as the printer and the conveyor number it; ``tile_seq`` is ``None`` where it can't be known any more.
     state
         As the journal will have it as soon as its thread is through.
-    released
-        Whether the conveyor acknowledged that the tile may pass.
+    recorded
+        Whether the journal has it as printed, so that its tile may be released.
     asked_release
-        Whether it may be asked to.
+        Whether the conveyor was asked to let its tile pass, or may have been by an earlier daemon.
+    released
+        Whether the conveyor acknowledged that.
     """
 
     intent: Intent
     detect_seq: int
     tile_seq: int | None
     state: ArmState
-    released: bool = False
+    recorded: bool = False
     asked_release: bool = False
+    released: bool = False
 
 
 class FaceBook:

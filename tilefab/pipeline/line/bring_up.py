@@ -235,7 +235,8 @@ class BringUp:
                     before.detect_seq if before is not None else 0,
                     found.waiting[record.arm_id],
                     ArmState.PRINTED,
-                    asked_release=True,
+                    recorded=True,
+                    asked_release=before is None or before.asked_release,
                 )
             elif record.arm_id in found.continuing:
                 detect_seq = memory.outcomes[record.arm_id].detect_seq

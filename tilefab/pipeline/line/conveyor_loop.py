@@ -115,6 +115,8 @@ class ConveyorLoop:
         if before is None or before.e_stop != status.e_stop:
             host.e_stop("plc", status.e_stop)
         if self.calibration is not None and status.boot_id != self.calibration.plc_boot:
+            # Told once: until the line is brought up, nothing is known of any tile.
+            self.calibration = None
             host.doubt(
                 "plc_rebooted", "the conveyor's controller was restarted: where its tiles are is no longer known"
             )
@@ -212,9 +214,7 @@ class ConveyorLoop:
         book = self._host.book
         if book is None or self.calibration is None or status.boot_id != self.calibration.plc_boot:
             return 0, 0
-        tiles = [
-            arm.tile_seq for arm in book.in_state(ArmState.PRINTED) if arm.asked_release and arm.tile_seq is not None
-        ]
+        tiles = [arm.tile_seq for arm in book.in_state(ArmState.PRINTED) if arm.recorded and arm.tile_seq is not None]
         if not tiles:
             return 0, 0
         base = tiles[0]
@@ -229,9 +229,10 @@ class ConveyorLoop:
             # A newer fault came: acknowledging it unseen would be wrong.
             self._ack_fault = None
             wanted = replace(wanted, ack_fault=0)
-        releasing = wanted.release_bits != 0
+        releasing = self._arms_of(wanted)
         if releasing:
             self._probe("release.before")
+            self._note_releases(releasing, asked_release=True)
         self._commanded, acknowledging = None, self._acked_anew
         try:
             after = await session.command(wanted)
@@ -244,10 +245,25 @@ class ConveyorLoop:
         self._take_status(after)
         if acknowledging == self._acked_anew:
             self._commanded, self._commanded_boot = wanted, after.boot_id
-        book = self._host.book
-        if releasing and book is not None:
-            for arm in book.in_state(ArmState.PRINTED):
-                bit = -1 if arm.tile_seq is None else arm.tile_seq - wanted.release_base
-                if 0 <= bit < _RELEASE_WINDOW and wanted.release_bits >> bit & 1:
-                    book.update(arm.intent.arm_id, released=True)
+        if releasing:
+            self._note_releases(releasing, released=True)
             self._probe("release.acked")
+
+    def _arms_of(self, command: PlcCommand) -> list[int]:
+        """Arms whose tiles a command releases."""
+        book = self._host.book
+        if book is None or not command.release_bits:
+            return []
+        return [
+            arm.intent.arm_id
+            for arm in book.in_state(ArmState.PRINTED)
+            if arm.tile_seq is not None
+            and 0 <= arm.tile_seq - command.release_base < _RELEASE_WINDOW
+            and command.release_bits >> arm.tile_seq - command.release_base & 1
+        ]
+
+    def _note_releases(self, arms: list[int], **changes: bool) -> None:
+        book = self._host.book
+        for arm_id in arms:
+            if book is not None and arm_id in book.active:
+                book.update(arm_id, **changes)

@@ -22,6 +22,8 @@ from tilefab.pipeline.line.metrics import LineCounters, metrics_text
 from tilefab.pipeline.line.status import AlarmView, DeviceView, FaceView, LineStatus
 
 _LAST_FACES = 12
+_TOLD = frozenset(ArmState) - {ArmState.INTENT}
+"""States of arms that a tile came for; a dozen others are always put down ahead."""
 _DOUBTS_NAMED = 20
 _REFRESH_S = 0.5
 _ALARMS_KEPT = 1000
@@ -168,7 +170,7 @@ class Desk:
 
     async def faces(self, last: int) -> Sequence[FaceView]:
         """The latest attempts to print a face, newest first."""
-        records = await self._attended().keeper.call(lambda journal: journal.arms(last=last))
+        records = await self._attended().keeper.call(lambda journal: journal.arms(states=_TOLD, last=last))
         return [_face(record) for record in reversed(records)]
 
     def alarms(self) -> Sequence[AlarmView]:
@@ -191,7 +193,7 @@ class Desk:
 
         def read(journal: Journal) -> tuple[Mapping[ArmState, int], list[ArmRecord], list[ArmRecord]]:
             counts = journal.counts(book.run_id) if book is not None else {}
-            return counts, journal.arms(last=_LAST_FACES), journal.arms(states=[ArmState.IN_DOUBT])
+            return counts, journal.arms(states=_TOLD, last=_LAST_FACES), journal.arms(states=[ArmState.IN_DOUBT])
 
         counts, last, doubts = await daemon.keeper.call(read)
         self._counts = {state.value: count for state, count in counts.items()}

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 from tilefab.devices import Backoff
-from tilefab.errors import DeviceError
+from tilefab.errors import DeviceError, DeviceRefused
 
 LOST_AFTER_S = 0.35
-"""Without one sound answer for this long a device is lost: two requests and a new connection fit in."""
+"""Without a sound answer for this long after one is due, a device is lost: a request and a new connection fit in."""
 
 
 class Session(Protocol):
@@ -135,7 +135,9 @@ class DeviceLink(Generic[S]):
                 except DeviceError as error:
                     self._errors += 1
                     self._last_error = error.message
-                    if self._session is None or not self._session.connected:
+                    # A device that refuses may have been restarted, and know nothing of this session any more.
+                    refused = isinstance(error, DeviceRefused)
+                    if self._session is None or not self._session.connected or refused:
                         await self._drop()
                         due = loop.time() + backoff.next_s()
                 else:
@@ -156,7 +158,7 @@ class DeviceLink(Generic[S]):
         """Count the device as lost if no sound answer follows in time, whatever is being waited for then."""
         if self._patience is not None:
             self._patience.cancel()
-        self._patience = loop.call_later(LOST_AFTER_S, self._out_of_patience)
+        self._patience = loop.call_later(self.period_s + LOST_AFTER_S, self._out_of_patience)
 
     def _out_of_patience(self) -> None:
         self._patience = None

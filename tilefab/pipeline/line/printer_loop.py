@@ -190,6 +190,8 @@ class PrinterLoop:
         if before is None or before.e_stop != status.e_stop:
             host.e_stop("printer", status.e_stop)
         if self.calibration is not None and status.boot_id != self.calibration.printer_boot:
+            # Told once: until the line is brought up, nothing is known of any tile.
+            self.calibration = None
             host.doubt("printer_rebooted", "the printer was restarted: where its tiles are is no longer known")
             return
         if (
@@ -433,7 +435,7 @@ class PrinterLoop:
             if book is None or change.arm_id not in book.active:
                 continue
             if change.state is ArmState.PRINTED:
-                book.update(change.arm_id, asked_release=True)
+                book.update(change.arm_id, recorded=True)
                 self._host.releases_wanted()
             elif change.state not in OPEN:
                 book.close(change.arm_id, change.state)
