@@ -1,13 +1,13 @@
 """Thirty days of the plant's time: the real daemon against the real simulator, with random faults of every kind.
 
-Usage: python benchmarks/line_month.py [--days N] [--hours N] [--rate R] [--seed S] [--fault-every SECONDS] [--folder F]
+Usage: python benchmarks/line_month.py [--days N | --hours N] [--rate R] [--seed S] [--fault-every SECONDS] [--folder F]
 
-The belt is slow in the plant's time, so that at rate 1000 a tile still takes 430 ms of the wall's clock from eye to head
-and 330 ms from there to the diverter: the daemon's deadlines are on the wall's clock. Jobs come in bursts, with pauses
-between. A kiln's set-points climb in wall time too, so recipes are luke-warm: a hot kiln that forgot its set-points would
-need days of the plant's time. Memory and descriptors are sampled each hour of the plant's time. Exit code 1 if memory
-grows by more than 5 % + 10 MB after the warm-up (the first day, or the first quarter of less), if descriptors grow, or if
-an invariant breaks.
+The belt is slow in the plant's time, so that at rate 1000 a tile still takes 430 ms of the wall's clock from eye to
+head and 330 ms from there to the diverter: the daemon's deadlines are on the wall's clock. Jobs come in bursts, with
+pauses between. A kiln's set-points climb in wall time too, so recipes are luke-warm: a hot kiln that forgot its
+set-points would need days of the plant's time. Memory and descriptors are sampled each hour of the plant's time. Exit
+code 1 if memory grows by more than 5 % + 10 MB after the warm-up (the first day, or the first quarter of less), if
+descriptors grow, or if an invariant breaks.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def main() -> None:
     parser.add_argument("--hours", type=float, help="hours of it, instead of days")
     parser.add_argument("--rate", type=float, default=1000.0, help="plant seconds a wall second, at most 1000")
     parser.add_argument("--lot", type=int, default=120, help="faces of a job")
-    parser.add_argument("--fault-every", type=float, default=4.0, help="mean wall seconds between two faults")
+    parser.add_argument("--fault-every", type=float, default=3.0, help="mean wall seconds between two faults")
     parser.add_argument("--seed", type=int, default=1, help="of faults and operator")
     parser.add_argument("--folder", type=Path, help="where journal, log and truth are left; default: nowhere")
     arguments = parser.parse_args()
@@ -73,7 +73,9 @@ def show(figures: Figures, month: Month, hours: float) -> None:
     figures.note("jobs taken up", str(seen.get("jobs taken up", 0)))
     alarms = {name.removeprefix("alarm "): many for name, many in seen.items() if name.startswith("alarm ")}
     figures.note("alarms", ", ".join(f"{code} {many}" for code, many in sorted(alarms.items())))
-    figures.note("operator", ", ".join(f"{name} {seen.get(name, 0)}" for name in ("ack", "resume", "start", "hold", "stop")))
+    figures.note(
+        "operator", ", ".join(f"{name} {seen.get(name, 0)}" for name in ("ack", "resume", "start", "hold", "stop"))
+    )
     _memory(figures, month.samples, hours)
     figures.check("hours lived through", f"{month.hours:.1f}", month.hours >= hours, f"{hours:g}")
     figures.check("faces settled", str(sum(month.faces.values())), bool(month.faces), "some")

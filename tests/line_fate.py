@@ -1,4 +1,4 @@
-"""What befalls a line over a month: faults of every kind at random moments, and hands that mend what doesn't mend itself.
+"""What befalls a line over a month: faults of every kind at random moments, and hands that mend what has to be mended.
 
 Everything here is set through the simulator's control port; docs/simulator.md tells of each kind.
 """
@@ -181,7 +181,7 @@ class Fate:
         travel, prints = self._at_rest()
         if travel - before[0] > _LIES_MM or prints != before[1]:
             self.wrong.append(
-                f"with the emergency stop pressed, the belt moved by {travel - before[0]:.1f} mm and {prints - before[1]} "
-                "prints were made"
+                f"with the emergency stop pressed, the belt moved by {travel - before[0]:.1f} mm and "
+                f"{prints - before[1]} prints were made"
             )
         self._fault("plc", "e_stop_release")

@@ -173,7 +173,7 @@ class Terms:
     hours: float
     rate: float = 1000.0
     lot: int = 120
-    fault_every_s: float = 4.0
+    fault_every_s: float = 3.0
     seed: int = 1
     samples: int | None = None
 
@@ -371,5 +371,5 @@ def _sample(hour: float, processes: Mapping[str, int]) -> Sample:
     return Sample(
         hour,
         {name: int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * _PAGE for name, pid in processes.items()},
-        {name: len(os.listdir(f"/proc/{pid}/fd")) for name, pid in processes.items()},
+        {name: len(list(Path(f"/proc/{pid}/fd").iterdir())) for name, pid in processes.items()},
     )

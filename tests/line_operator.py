@@ -89,7 +89,6 @@ class Operator:
                 for task in beside:
                     task.cancel()
                 await asyncio.gather(*beside, return_exceptions=True)
-                await desk.close()
             self._write_report()
         return STOPPED
 
@@ -182,6 +181,9 @@ class Operator:
             "alarms": [f"{alarm.code}: {alarm.text}" for alarm in line.alarms if not alarm.acked][-3:],
             "queue": len(self._daemon.jobs),
             "faces_to_go": self._daemon.book.faces_to_go if self._daemon.book is not None else 0,
+            "kiln": str(self._daemon.kiln.status) if self._daemon.kiln is not None else "",
+            "missing": sorted(line.missing),
+            "question": str(line.asked),
             "blank": self._daemon.printer.blank_tiles,
             "arming_ms": [round(self._daemon.printer.arming_s.quantile_s(share) * 1000, 1) for share in (0.5, 0.999)],
             "seen": dict(self.seen),

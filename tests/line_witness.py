@@ -110,7 +110,9 @@ class Witness:
         # What the journal claims happened before: so it is read first, and the truth must bear it out.
         runs = self._journal.runs(last=8)
         last = self._journal.last_arm()
-        records = {arm.arm_id: arm for arm in self._journal.arms(last=last - self._low + 1)} if last >= self._low else {}
+        records = (
+            {arm.arm_id: arm for arm in self._journal.arms(last=last - self._low + 1)} if last >= self._low else {}
+        )
         changed = self._read_truth()
         names = {run.run_id: run.facts.name for run in runs}
         for arm_id, record in sorted(records.items()):
@@ -203,7 +205,12 @@ class Witness:
 
     def _check_pixels(self, record: ArmRecord, names: Mapping[int, str]) -> None:
         name = names.get(record.run_id)
-        if record.state is not ArmState.PASSED or not self._check_every or record.arm_id % self._check_every or not name:
+        if (
+            record.state is not ArmState.PASSED
+            or not self._check_every
+            or record.arm_id % self._check_every
+            or not name
+        ):
             return
         self.checksums += 1
         wanted = self._checksum(name, record.face)

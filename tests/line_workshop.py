@@ -11,6 +11,7 @@ import contextlib
 import hashlib
 import json
 import os
+import re
 import select
 import signal
 import socket
@@ -212,12 +213,10 @@ class Workplace:
         return cls(line, job, source)
 
     def more(self, faces: int) -> Workplace:
-        """The same line, with a job of so many more faces."""
-        count = self.job.plan.job.tile.count
+        """The same line, with a job of so many more faces than its file has now."""
         path = self.job.plan.job_file.path
-        text = path.read_text()
-        assert f"count = {count}\n" in text
-        path.write_text(text.replace(f"count = {count}\n", f"count = {count + faces}\n"))
+        before, count, after = re.split(r"(?<=\ncount = )(\d+)(?=\n)", path.read_text())
+        path.write_text(f"{before}{int(count) + faces}{after}")
         return replace(self, job=line_job(plan_job(load_job(path)), self.line))
 
     def fork(

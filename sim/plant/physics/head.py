@@ -35,7 +35,7 @@ class Head:
     on_count
         Called with the names of things to be counted.
     tile_there
-        The sensor before the head: whether any part of a tile will lie under what is printed from one travel to another.
+        The sensor before the head: whether any of a tile will lie under what is printed from one travel to another.
     """
 
     def __init__(

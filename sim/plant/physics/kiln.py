@@ -44,10 +44,11 @@ class Zone:
         self._heat, self._aim = self._heat_at(t), self._aim_at(t)
         self._t0, self._goal, self._rate = t, goal, rate
 
-    def drift(self, t: float, degc: float, rate: float) -> None:
-        """From plant time `t` (s) on the zone drifts until it is `degc` off, at `rate` (°C/s)."""
+    def drift(self, t: float, degc: float, seconds: float) -> None:
+        """From plant time `t` (s) on the zone drifts evenly until it is `degc` off after some time; 0: back home."""
         self._drift_from = self._drift_at(t)
-        self._drift_t0, self._drift_to, self._drift_rate = t, degc, rate
+        self._drift_t0, self._drift_to = t, degc
+        self._drift_rate = abs(degc - self._drift_from) / seconds if seconds > 0 else math.inf
 
     def temperature(self, t: float) -> float:
         """Temperature in °C at a plant time (s)."""
@@ -55,6 +56,8 @@ class Zone:
 
     def _drift_at(self, t: float) -> float:
         gap = self._drift_to - self._drift_from
+        if not gap or self._drift_rate == math.inf:
+            return self._drift_to
         return self._drift_from + math.copysign(min(abs(gap), self._drift_rate * (t - self._drift_t0)), gap)
 
     def _aim_at(self, t: float) -> float:
@@ -186,9 +189,8 @@ class Kiln:
         self._aim()
 
     def drift(self, zone: int, degc: float, minutes: float) -> None:
-        """A zone drifts by some °C within some minutes."""
-        rate = abs(degc) / (minutes * 60) if minutes > 0 else math.inf
-        self.zones[zone].drift(self._timeline.t, degc, max(rate, 1e-9))
+        """A zone drifts until it is off by some °C, within some minutes; by 0 °C it comes back."""
+        self.zones[zone].drift(self._timeline.t, degc, minutes * 60)
 
     def _aim(self) -> None:
         lit = self.up and not self.burner_fault

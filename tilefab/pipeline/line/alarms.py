@@ -54,6 +54,11 @@ ALARMS: Mapping[str, AlarmText] = {
         "itself on a later tile. The line goes on.",
         "Acknowledge. If it comes often, see whether tiles slip, or are taken off between eye and head.",
     ),
+    "no_tiles": AlarmText(
+        "No tiles come",
+        "The loader was told to feed and the belt ran on, but no tile came to the eye. The line goes on waiting.",
+        "See whether the loader is empty or jammed, and clean the eye; then acknowledge.",
+    ),
     "tiles_missed": AlarmText(
         "Tiles went by unnoticed",
         "The printer saw more tiles than the daemon heard of in time. They have no face; the diverter scraps them.",

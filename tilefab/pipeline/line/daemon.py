@@ -12,6 +12,7 @@ from typing import Any
 
 from tilefab.config.line import LineFile
 from tilefab.control import line_machine as machine
+from tilefab.control.feeding import Feeding, watch_feed
 from tilefab.control.ledger import ArmState, FaceQueue
 from tilefab.control.line_machine import Line, LineState
 from tilefab.devices import (
@@ -49,6 +50,8 @@ _SESSIONS_SINCE_S = 1_767_225_600
 """2026-01-01, from which sessions are counted in seconds, if the journal that counted them was lost."""
 
 _RUNS_LOOKED_AT = 1000
+_LOADER_WAY_MM = 10_000
+"""No loader is farther from its eye."""
 _ANSWER_S = 5.0
 """Longest wait for a device that was there a moment ago."""
 
@@ -130,6 +133,7 @@ class LineDaemon:
         self._moved = self._closed = False
         self._filling: asyncio.Task[None] | None = None
         self._watched = 0
+        self._feeding = Feeding()
         self._tasks: set[asyncio.Task[Any]] = set()
         self._answering: asyncio.Task[machine.Event] | None = None
         self._errands: deque[tuple[Errand, asyncio.Future[None]]] = deque()
@@ -644,10 +648,20 @@ class LineDaemon:
     def _feed(self, book: FaceBook) -> None:
         """Feed only as many tiles as there are faces for them."""
         status = self.conveyor.status
-        if status is not None:
-            coming = (status.tiles_fed - status.tile_seq) % (1 << 32)
-            coming = 0 if coming >= 1 << 31 else coming
-            self.conveyor.feed = book.faces_to_go > coming
+        if status is None:
+            return
+        before = self._feeding
+        self._feeding = now = watch_feed(
+            before,
+            plc_boot=status.boot_id,
+            tiles_fed=status.tiles_fed,
+            tile_seq=status.tile_seq,
+            position_counts=status.position_counts,
+            way_counts=round(_LOADER_WAY_MM * self.conveyor.counts_per_mm),
+        )
+        if now.overdue and not before.overdue and self.conveyor.feed:
+            self.warn("no_tiles", "the belt runs, but no tile comes to the eye")
+        self.conveyor.feed = book.faces_to_go > now.coming
 
     async def _drained(self, book: FaceBook) -> None:
         done = book.done

@@ -27,12 +27,15 @@ def test_a_zone_follows_its_ramp_by_first_order():
 
 def test_a_drift_comes_slowly_and_stays():
     zone = Zone(1000, 240)
-    zone.drift(100, -30, 0.05)
+    zone.drift(100, -30, 600)
     assert zone.temperature(100) == 1000
     assert zone.temperature(400) == pytest.approx(985)
     assert zone.temperature(9000) == pytest.approx(970)
-    zone.drift(9000, 0, 1)
+    zone.drift(9000, 0, 30)
     assert zone.temperature(9010) == pytest.approx(980)
+    assert zone.temperature(9060) == 1000
+    zone.drift(9100, 5, 0)
+    assert zone.temperature(9100) == 1005
 
 
 def command(seq=1, degc=500.0, ramp=10.0, minutes=40.0):
