@@ -153,6 +153,7 @@ def strike_often(
     seed: int,
     more: int = 40,
     check_pixels: int = 4,
+    longest_wait_s: float = 1.4,
     log: Path | None = None,
 ) -> tuple[Struck, Workplace]:
     """Strike a running line with one fault after the other, let it finish its job, and judge.
@@ -173,7 +174,7 @@ def strike_often(
             found.wrong.append(wrong)
             break
         # Anywhere between the first tile's feeding and a belt full of printed tiles.
-        time.sleep(chance.uniform(0.0, 1.2) ** 2)
+        time.sleep(longest_wait_s * chance.random() ** 2)
         strike(plant, chance)
         found.faults[name] += 1
     code = _finish(plant, daemon)

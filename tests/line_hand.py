@@ -91,9 +91,12 @@ class Hand:
         self.order(machine.OperatorAck(self.daemon.line.raised))
 
     async def start(self) -> None:
-        """Start, once that isn't refused, and see the line run."""
+        """Start, once that isn't refused, and see the line run; faces in doubt are acknowledged."""
         await self.until(lambda: not machine.refusal(self.daemon.line, machine.OperatorStart()))
         self.order(machine.OperatorStart())
+        await self.until_state(LineState.RUNNING, LineState.HOLDING)
+        if [alarm.code for alarm in self.daemon.line.unacked] == ["faces_in_doubt"]:
+            await self.resume()
         await self.until_state(LineState.RUNNING)
 
     async def resume(self) -> None:

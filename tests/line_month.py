@@ -36,7 +36,8 @@ HOUR_S = 3600.0
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 _TURN_S = 0.02
 _LOOK_EVERY_S = 1.0
-_STUCK_S = 60.0
+_STUCK_S = 120.0
+_FINISH_S = 300.0
 _TELL_EVERY = 24
 _CHECK_PIXELS_EVERY = 50
 _WARM_DEGC = (28.0, 29.0)
@@ -181,7 +182,7 @@ class Terms:
     def speed_mm_s(self) -> float:
         """Speed of the belt: 6 m/s of wall time, so that the eye is 430 ms before the head, and that 330 ms before the
         diverter, on the wall's clock, which the daemon's deadlines are on."""
-        return round(6000 / self.rate, 1)
+        return min(round(6000 / self.rate, 1), 3000.0)
 
     @property
     def sample_every_h(self) -> float:
@@ -227,7 +228,7 @@ def _look_into(line: LineFile, daemon: Daemon) -> Journal:
 def _write_files(folder: Path, plant: PlantProcess, terms: Terms) -> tuple[LineFile, list[Path]]:
     """The line, and three jobs of different tiles, two of which need the kiln at another temperature than the third."""
     text = LINE.format(**plant.endpoints)
-    jobs = []
+    jobs: list[Path] = []
     for name, length, gap, degc, cycle in (
         ("small", 64, 330.0, _WARM_DEGC[0], 40.0),
         ("middle", 90, 320.0, _WARM_DEGC[0], 45.0),
@@ -291,7 +292,7 @@ class Daemon:
         """Let it bring its jobs to an end; its exit code."""
         if not self.ended:
             os.kill(self.pid, signal.SIGUSR1)
-            self._code = wait_or_kill(self.pid, _STUCK_S)
+            self._code = wait_or_kill(self.pid, _FINISH_S)
         assert self._code is not None
         return self._code
 

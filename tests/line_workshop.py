@@ -20,7 +20,7 @@ import sys
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -328,66 +328,105 @@ class Judgement:
     faces: Counter[str] = field(default_factory=Counter)
 
 
-def judge(plant: PlantProcess, place: Workplace, *, finished: bool = True, check_pixels: int = 0) -> Judgement:
+def judge(
+    plant: PlantProcess,
+    place: Workplace,
+    *,
+    finished: bool = True,
+    check_pixels: int = 0,
+    others: Sequence[tuple[LineJob, FaceSource]] = (),
+) -> Judgement:
     """Hold the journal against what the plant saw with its own eyes.
 
     No face may be lost (neither printed, nor to come, nor told of), doubled (any row of it on two tiles), silently
     skipped, passed in part, or recorded as passed when it didn't. ``check_pixels`` faces are compared with what the job
-    renders.
+    renders. Where the line printed ``others``, too, they are judged with it.
     """
     found = Judgement()
-    tiles = plant.do("truth")["tiles"]
-    prints: dict[int, list[tuple[dict[str, Any], dict[str, Any]]]] = {}
-    for tile in tiles:
+    truth = plant.do("truth")
+    _judge_plant(found, truth, one_job=not others)
+    with contextlib.closing(place.journal()) as journal:
+        arms = {arm.arm_id: arm for arm in journal.arms()}
+        runs = {run.facts.job_hash: run.run_id for run in journal.runs()}
+    prints: dict[tuple[int, int], list[tuple[dict[str, Any], dict[str, Any]]]] = {}
+    for tile in truth["tiles"]:
         for made in tile["prints"]:
-            prints.setdefault(made["face"], []).append((tile, made))
+            arm = arms.get(made["arm"])
+            if arm is None or arm.face != made["face"]:
+                found.wrong.append(
+                    f"face {made['face']} was printed as arm {made['arm']}, the journal never heard of it"
+                )
+                continue
+            prints.setdefault((arm.run_id, arm.face), []).append((tile, made))
+    last = {(arm.run_id, arm.face): arm for arm in arms.values()}
+    for job, source in ((place.job, place.source), *others):
+        run_id = runs.get(job.plan.job_hash, -1)
+        for face in range(job.plan.job.tile.count if finished else 0):
+            _judge_end(found, f"face {face} of {job.plan.name}", last.get((run_id, face)))
+        complete = [
+            (face, one)
+            for (run, face), made in sorted(prints.items(), key=lambda item: item[0])
+            for _, one in made
+            if run == run_id and one["complete"]
+        ]
+        for face, one in complete[:: max(1, len(complete) // check_pixels)] if check_pixels else []:
+            digest = hashlib.sha256()
+            for strip in source.strips(source.prepare(face)):
+                digest.update(strip.pixels.data)
+            if digest.hexdigest() != one["sha256"]:
+                found.wrong.append(f"face {face} of {job.plan.name} was printed with other pixels than the job gives")
+    for key, arm in last.items():
+        _judge_face(found, f"face {arm.face} of run {arm.run_id}", arm, prints.get(key, []))
+    return found
+
+
+_PASSED = ("passed", "in_kiln", "fired", "broken")
+
+
+def _judge_plant(found: Judgement, truth: dict[str, Any], *, one_job: bool) -> None:
+    """What must not be whatever the journal says."""
+    for tile in truth["tiles"]:
         if len(tile["prints"]) > 1:
             found.wrong.append(f"tile {tile['id']} was printed {len(tile['prints'])} times")
-        passed = tile["fate"] in ("passed", "in_kiln", "fired", "broken")
-        if passed and not tile["prints"]:
+        if tile["fate"] not in _PASSED:
+            continue
+        if not tile["prints"]:
             found.wrong.append(f"tile {tile['id']} passed blank")
-        if passed and any(not made["complete"] for made in tile["prints"]):
+        if any(not made["complete"] for made in tile["prints"]):
             found.wrong.append(f"tile {tile['id']} passed with a part of a face")
-        if passed and any(abs(made["centre_mm"]) > 1.0 for made in tile["prints"] if made["centre_mm"] is not None):
+        if any(abs(made["centre_mm"]) > 1.0 for made in tile["prints"] if made["centre_mm"] is not None):
             found.wrong.append(f"tile {tile['id']} passed with a face beside its place")
-    summary = plant.do("truth", summary=True)["summary"]
-    for name in ("faces_twice", "tiles_twice", "prints_beside", "passed_blank", "passed_spoilt"):
+    summary = truth["summary"]
+    # Jobs have faces of the same numbers, which the plant can't tell apart.
+    for name in (
+        *(("faces_twice",) if one_job else ()),
+        "tiles_twice",
+        "prints_beside",
+        "passed_blank",
+        "passed_spoilt",
+    ):
         if summary[name]:
             found.wrong.append(f"{name}: {summary[name]} {summary['twice'][:5] if name == 'faces_twice' else ''}")
-    with contextlib.closing(place.journal()) as journal:
-        arms = journal.arms()
-    last: dict[int, ArmRecord] = {}
-    for arm in arms:
-        last[arm.face] = arm
-    for face in range(place.job.plan.job.tile.count if finished else 0):
-        arm = last.get(face)
-        if arm is None:
-            found.wrong.append(f"face {face} is lost: the journal has never heard of it")
-            continue
-        found.faces[arm.state.value] += 1
-    for face, arm in last.items():
-        made = prints.get(face, [])
-        passed = [one for tile, one in made if tile["fate"] in ("passed", "in_kiln", "fired", "broken")]
-        ended = [one for tile, one in made if tile["fate"] == "diverted"]
-        if arm.state is ArmState.PASSED and (len(passed) != 1 or not passed[0]["complete"]):
-            found.wrong.append(f"face {face} is recorded as passed, the plant passed {len(passed)} of it")
-        if arm.state is ArmState.DIVERTED and passed:
-            found.wrong.append(f"face {face} is recorded as diverted, but passed")
-        if arm.state is ArmState.PARTIAL and passed:
-            found.wrong.append(f"face {face} is recorded as partial, but passed")
-        if arm.state is ArmState.UNPRINTED and made:
-            found.wrong.append(f"face {face} is recorded as unprinted, but was printed")
-        if finished and arm.state in (ArmState.INTENT, ArmState.ARMED, ArmState.PRINTED, ArmState.UNPRINTED):
-            found.wrong.append(f"face {face} is still {arm.state} at the end")
-        if arm.state is ArmState.PASSED and not ended and not passed:
-            found.wrong.append(f"face {face} is recorded as passed and was never printed")
-    for face in prints.keys() - last.keys():
-        found.wrong.append(f"face {face} was printed, the journal has never heard of it")
-    complete = [(face, one) for face, made in sorted(prints.items()) for _, one in made if one["complete"]]
-    for face, one in complete[:: max(1, len(complete) // check_pixels)] if check_pixels else []:
-        digest = hashlib.sha256()
-        for strip in place.source.strips(place.source.prepare(face)):
-            digest.update(strip.pixels.data)
-        if digest.hexdigest() != one["sha256"]:
-            found.wrong.append(f"face {face} was printed with other pixels than the job gives")
-    return found
+
+
+def _judge_end(found: Judgement, name: str, arm: ArmRecord | None) -> None:
+    """What must not be of a face once its job has ended."""
+    if arm is None:
+        found.wrong.append(f"{name} is lost: the journal has never heard of it")
+        return
+    found.faces[arm.state.value] += 1
+    if arm.state in (ArmState.INTENT, ArmState.ARMED, ArmState.PRINTED, ArmState.UNPRINTED):
+        found.wrong.append(f"{name} is still {arm.state} at the end")
+
+
+def _judge_face(found: Judgement, name: str, arm: ArmRecord, made: list[tuple[dict[str, Any], dict[str, Any]]]) -> None:
+    """What must not be of a face at any time."""
+    passed = [one for tile, one in made if tile["fate"] in _PASSED]
+    if len(made) > 1:
+        found.wrong.append(f"{name} is doubled: it was printed on {len(made)} tiles")
+    if arm.state is ArmState.PASSED and (len(passed) != 1 or not passed[0]["complete"]):
+        found.wrong.append(f"{name} is recorded as passed, the plant passed {len(passed)} of it")
+    if arm.state in (ArmState.DIVERTED, ArmState.PARTIAL) and passed:
+        found.wrong.append(f"{name} is recorded as {arm.state}, but passed")
+    if arm.state is ArmState.UNPRINTED and made:
+        found.wrong.append(f"{name} is recorded as unprinted, but was printed")

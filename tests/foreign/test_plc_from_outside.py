@@ -10,8 +10,10 @@ import json
 import os
 import re
 import shutil
+import struct
 import subprocess
 import time
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,6 +22,8 @@ from typing import Any
 import pytest
 
 from sim.plant.inprocess import RunningPlant, plant_in, running_plant_here
+
+pytestmark = pytest.mark.xdist_group("line")
 
 ROOT = Path(__file__).parents[2]
 NODE_MODULES = Path(os.environ.get("TILEFAB_NODE_MODULES", ROOT / "node_modules"))
@@ -98,6 +102,8 @@ def test_mbpoll_reads_the_whole_window(plant: RunningPlant, mbpoll: list[str]) -
     assert len(words) == 64
     assert words[3:6] == [0x0102, 0x0304, 1 << 6]
     assert words[2] == plant.state()["plc"]["boot_id"]
+    check = zlib.crc32(struct.pack(">62H", *map(int, words[:62])))
+    assert words[62:] == [check >> 16, check & 0xFFFF]
 
 
 def test_mbpoll_reads_wide_values_high_word_first(mbpoll: list[str]) -> None:

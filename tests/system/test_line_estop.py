@@ -1,10 +1,9 @@
-"""The emergency stop, in every state of a whole line: nothing is printed or moves afterwards, nothing starts by itself."""
+"""The emergency stop in every state of a whole line: nothing prints or moves then, and nothing starts by itself."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,6 +15,9 @@ from tilefab.control import line_machine as machine
 from tilefab.control.line_machine import LineState
 
 pytestmark = pytest.mark.xdist_group("line")
+
+LONG_S = 0.15
+"""For anything that would go on by itself: each loop has gone round several times."""
 
 Here = tuple[PlantProcess, Workplace]
 
@@ -95,7 +97,7 @@ def test_nothing_is_printed_or_moves_after_the_button_was_pressed(here: Here, st
             assert hand.state is LineState.E_STOPPED
 
             plant.fault("plc", "e_stop_release")
-            await asyncio.sleep(0.25)  # for as long as anything would take that went on by itself
+            await asyncio.sleep(LONG_S)
             assert hand.state is LineState.E_STOPPED
             for order in refused:
                 hand.order(order)
@@ -104,7 +106,7 @@ def test_nothing_is_printed_or_moves_after_the_button_was_pressed(here: Here, st
 
             hand.ack()
             await hand.until_state(LineState.STOPPED)
-            await asyncio.sleep(0.25)  # as above
+            await asyncio.sleep(LONG_S)
             assert hand.state is LineState.STOPPED
             button.check()
 
@@ -126,7 +128,7 @@ def test_a_button_acknowledged_while_it_is_in_has_to_be_acknowledged_again(here:
             hand.ack()
             await hand.until_plant(lambda now: now["speed_mm_s"] == 0)
             plant.fault("plc", "e_stop_release")
-            await asyncio.sleep(0.25)  # for as long as anything would take that went on by itself
+            await asyncio.sleep(LONG_S)
             assert hand.state is LineState.E_STOPPED
             button.check()
             hand.ack()
@@ -147,7 +149,7 @@ def test_a_button_that_was_in_for_a_moment_only_stops_the_line_as_well(here: Her
             plant.fault("plc", "e_stop_release")
             await hand.until_state(LineState.E_STOPPED)
             await hand.until_plant(lambda now: now["speed_mm_s"] == 0)
-            await asyncio.sleep(0.25)  # for as long as anything would take that went on by itself
+            await asyncio.sleep(LONG_S)
             assert hand.state is LineState.E_STOPPED
             button.check()
             hand.ack()
@@ -170,7 +172,7 @@ def test_a_daemon_started_with_the_button_in_waits_for_it(here: Here) -> None:
             hand.ack()
             assert hand.state is LineState.E_STOPPED
             plant.fault("plc", "e_stop_release")
-            await asyncio.sleep(0.25)  # for as long as anything would take that went on by itself
+            await asyncio.sleep(LONG_S)
             assert hand.state is LineState.E_STOPPED
             button.check()
             hand.ack()

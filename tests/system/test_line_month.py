@@ -27,7 +27,7 @@ def test_two_hours_with_faults(tmp_path: Path) -> None:
     assert month.hours >= 2.0
     assert month.faces["passed"] > 10
     assert sum(month.struck.values()) > 3
-    assert len(month.samples) == 10
+    assert len(month.samples) >= 10
     assert month.summary["prints"] >= month.faces["passed"]
 
 

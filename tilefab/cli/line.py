@@ -42,6 +42,9 @@ TokenOption = Annotated[
     ),
 ]
 FaceArgument = Annotated[int, typer.Argument(metavar="FACE", min=0, max=MOST_FACES - 1, help="Number of the face.")]
+RunOption = Annotated[
+    int | None, typer.Option("--run", metavar="N", min=1, help="Number of the run, as `line status` shows it.")
+]
 _LINE = Path("line.toml")
 
 
@@ -151,20 +154,21 @@ def queue(
 
 
 @app.command("reprint")
-def reprint(face: FaceArgument, line: LineOption = _LINE, token: TokenOption = None) -> None:
-    """Print a face of the present job once more."""
-    _order(line, token, "reprint", face=face)
+def reprint(face: FaceArgument, run_id: RunOption = None, line: LineOption = _LINE, token: TokenOption = None) -> None:
+    """Print a face of the present job, or of another run, once more."""
+    _order(line, token, "reprint", face=face, **_named(run_id))
 
 
 @app.command("settle")
 def settle(
     face: FaceArgument,
     state: Annotated[Settled, typer.Argument(metavar="passed|diverted|unprinted", help="What became of it.")],
+    run_id: RunOption = None,
     line: LineOption = _LINE,
     token: TokenOption = None,
 ) -> None:
     """Say what became of a face that is in doubt; an unprinted one is printed again."""
-    _order(line, token, "settle", face=face, state=state.value)
+    _order(line, token, "settle", face=face, state=state.value, **_named(run_id))
 
 
 @app.command("check")
@@ -198,6 +202,10 @@ def check(
         print_json(facts)
     else:
         typer.echo(f"{line}: in order; recipes: {', '.join(file.line.recipes)}; state in {file.state_directory}")
+
+
+def _named(run_id: int | None) -> dict[str, object]:
+    return {} if run_id is None else {"run": run_id}
 
 
 def _print_statuses(client: LineClient, watch: bool) -> None:

@@ -150,7 +150,10 @@ def _job(status: LineStatus) -> Panel:
         scrapped = counts.get(ArmState.DIVERTED, 0) + counts.get(ArmState.PARTIAL, 0)
         rows.append(("scrapped", Text(f"{scrapped:,}", style="yellow" if scrapped else "")))
     if status.in_doubt:
-        named = ", ".join(f"{face:,}" for face in status.faces_in_doubt[:_NAMED])
+        runs: dict[int, list[str]] = {}
+        for doubt in status.faces_in_doubt[:_NAMED]:
+            runs.setdefault(doubt.run_id, []).append(f"{doubt.face:,}")
+        named = "; ".join(f"run {run}: {', '.join(faces)}" for run, faces in runs.items())
         what = f"settle {named}" if status.in_doubt <= _NAMED and named else f"settle {status.in_doubt:,} faces"
         rows.append(("in doubt", Text(what, style="bold red")))
     rows.append(("then", ", ".join(status.queue) or "nothing queued"))

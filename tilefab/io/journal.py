@@ -122,6 +122,11 @@ class Journal:
         self._closed = True
         self._store.close()
 
+    @property
+    def lost(self) -> bool:
+        """Whether it failed in a way after which only opening it anew helps."""
+        return self._store.lost
+
     def check(self) -> None:
         """Read and compare everything; see `Store.check`."""
         self._check_thread()

@@ -124,6 +124,11 @@ class Store:
                 f"{self.name}: can't {what}: {error}: install tilefab[postgres]", path=self.name
             ) from error
 
+    @property
+    def lost(self) -> bool:
+        """Whether the connection can't be used any more."""
+        return bool(self._lost)
+
     def tidy(self) -> None:
         """Give back what the write-ahead log takes up, if lookers-on let it grow; never waits for them."""
         if self.path is None:

@@ -9,12 +9,10 @@ from typing import Literal
 
 from sim.plant.wire.forge import Form, garbled, with_wrong
 
-MESSAGE_KINDS = frozenset(
-    {
-        *("mute", "late", "twice", "garble", "truncate", "noise", "reorder", "drop", "half_open", "replay"),
-        *("wrong_unit", "wrong_function", "wrong_count", "old_tid"),
-    }
-)
+FORGED_KINDS = frozenset({"wrong_unit", "wrong_function", "wrong_count", "old_tid"})
+MESSAGE_KINDS = FORGED_KINDS | {
+    *("mute", "late", "twice", "garble", "truncate", "noise", "reorder", "drop", "half_open", "replay"),
+}
 Acts = Literal["now", "late", "never"]
 _MOST_NOISE = 24
 
@@ -186,6 +184,9 @@ def _answer(plan: Plan, link: Link, reply: bytes | None) -> None:
     if reply is None or link.deaf:
         return
     true = reply
+    # What is wrong in content is made of a whole answer, once: after that it may be damaged in any way.
+    for fault in [fault for fault in plan.faults if fault.kind in FORGED_KINDS][:1]:
+        reply = with_wrong(link.form, reply, fault.kind, fault.chance)
     for fault in plan.faults:
         reply = _distorted(fault, link, reply)
     link.last = true
@@ -210,6 +211,4 @@ def _distorted(fault: Fault, link: Link, reply: bytes) -> bytes:
         return fault.chance.randbytes(fault.chance.randrange(1, _MOST_NOISE)) + reply
     if fault.kind == "replay":
         return link.last or reply
-    if fault.kind.startswith(("wrong_", "old_")):
-        return with_wrong(link.form, reply, fault.kind, fault.chance)
     return reply

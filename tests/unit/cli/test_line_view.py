@@ -9,7 +9,7 @@ from rich.console import Console
 
 from tests.unit.pipeline.line.test_status import FULL
 from tilefab.cli.line_view import ago, status_view
-from tilefab.pipeline.line.status import AlarmView, LineStatus
+from tilefab.pipeline.line.status import AlarmView, DoubtView, LineStatus
 
 NOW = datetime.fromisoformat("2026-03-01T08:00:42+00:00")
 
@@ -23,7 +23,7 @@ def _shown(status: LineStatus, width: int = 120) -> str:
 @pytest.mark.parametrize("width", [60, 80, 110, 200])
 def test_all_of_a_status_is_shown(width: int) -> None:
     text = _shown(FULL, width)
-    for word in ("line 1", "HOLDING", "for 42 s", "Green", "12 of 1,000", "in doubt", "settle 11", "runs", "2200 mm/s"):
+    for word in ("line 1", "HOLDING", "for 42 s", "Green", "12 of 1,000", "in doubt", "run 3:", "runs", "2200 mm/s"):
         assert word in text
     for word in ("198 a minute", "Blue", "50 %", "450", "781", "42 tiles", "plc", "3 errors", "not there yet", "Red"):
         assert word in text
@@ -46,7 +46,9 @@ def test_words_of_devices_are_never_taken_for_markup() -> None:
 
 
 def test_many_faces_in_doubt_are_counted() -> None:
-    text = _shown(dataclasses.replace(FULL, in_doubt=300, faces_in_doubt=tuple(range(20))))
+    text = _shown(
+        dataclasses.replace(FULL, in_doubt=300, faces_in_doubt=tuple(DoubtView(1, face) for face in range(20)))
+    )
     assert "settle 300 faces" in text
 
 

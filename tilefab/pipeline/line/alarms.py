@@ -243,6 +243,11 @@ ALARMS: Mapping[str, AlarmText] = {
         "Without its journal the line would not know what it has printed, so it doesn't print.",
         "See to the disk or the database that holds it: full, read-only, not reachable. Acknowledge, then start.",
     ),
+    "journal_slow": AlarmText(
+        "The journal is slow",
+        "A commit took more than a second. Tiles are released only once their faces are put down, so the line holds.",
+        "See what keeps the disk or the database busy, or locks the journal; then acknowledge and resume.",
+    ),
     "journal_behind": AlarmText(
         "The journal is older than the printer's memory",
         "The printer remembers faces that this journal doesn't know: the journal was lost, or put back from a copy. "

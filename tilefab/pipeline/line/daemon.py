@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Awaitable, Callable, Coroutine, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Any
@@ -52,6 +52,7 @@ _SESSIONS_SINCE_S = 1_767_225_600
 _RUNS_LOOKED_AT = 1000
 _LOADER_WAY_MM = 10_000
 """No loader is farther from its eye."""
+_SLOW_JOURNAL_S = 1.0
 _ANSWER_S = 5.0
 """Longest wait for a device that was there a moment ago."""
 
@@ -133,6 +134,7 @@ class LineDaemon:
         self._moved = self._closed = False
         self._filling: asyncio.Task[None] | None = None
         self._watched = 0
+        self._behind_told: int | None = None
         self._feeding = Feeding()
         self._tasks: set[asyncio.Task[Any]] = set()
         self._answering: asyncio.Task[machine.Event] | None = None
@@ -344,7 +346,16 @@ class LineDaemon:
         """Write an event to the log and the journal."""
         self._log(kind, **facts)
         if not self._closed:
-            self._start(self.keeper.note(kind, **facts))
+            self._start(self._note(kind, facts))
+
+    async def _note(self, kind: str, facts: Mapping[str, object]) -> None:
+        try:
+            await self.keeper.note(kind, **facts)
+        except JournalError as error:
+            if self.moving:
+                raise
+            # At rest nothing hangs on it, and whoever starts opens the journal anew, or says why it can't.
+            self._log("journal", error=error.message)
 
     # What the machine asks.
 
@@ -377,8 +388,15 @@ class LineDaemon:
 
         task.add_done_callback(answer)
 
+    async def _use_journal(self) -> None:
+        """Open a journal that was lost anew; what comes next is read from it, as after a restart."""
+        if await self.keeper.reopen_if_lost() and (book := self._book) is not None:
+            states = await self.keeper.call(lambda journal: journal.face_states(book.run_id))
+            self._book = FaceBook(book.run_id, FaceQueue(states))
+
     async def _take_job(self) -> machine.Event:
         """Open the job that comes first in the queue, unless it is open."""
+        await self._use_journal()
         if self._book is not None and self._book.done:
             await self._end_job()
         await self._drop_finished()
@@ -428,6 +446,7 @@ class LineDaemon:
 
     async def _check_devices(self) -> machine.Event:
         """See that the kiln is at the recipe, however long that takes, and that nothing stands in the way."""
+        await self._use_journal()
         if self.kiln is not None and self.job is not None:
             self.kiln.bring_to(self.job.kiln)
             if not self.kiln.at_recipe:
@@ -520,7 +539,11 @@ class LineDaemon:
         last = await self.keeper.call(lambda journal: journal.last_arm())
         if status is not None and status.last_accepted_arm > last:
             accepted = status.last_accepted_arm
-            await self.keeper.call(lambda journal: journal.skip_arms(accepted))
+            if self._behind_told == accepted:
+                # Somebody has acknowledged it since, and said resume.
+                await self.keeper.call(lambda journal: journal.skip_arms(accepted))
+                return
+            self._behind_told = accepted
             raise InterlockError(
                 f"the printer remembers arm {accepted}, the journal none above {last}: faces that were printed "
                 "meanwhile come again once you resume",
@@ -632,6 +655,8 @@ class LineDaemon:
         while True:
             await asyncio.sleep(_WATCH_PERIOD_S)
             self._watched += 1
+            if self.moving and self.keeper.waiting_s > _SLOW_JOURNAL_S:
+                self.doubt("journal_slow", "the journal has been waited for too long: tiles couldn't be released")
             book = self._book
             if book is None:
                 continue

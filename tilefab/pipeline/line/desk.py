@@ -4,24 +4,28 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TypeVar
 
 import tilefab
 from tilefab.control import line_machine as machine
 from tilefab.control.ledger import ArmState
 from tilefab.errors import InterlockError, JournalError
-from tilefab.io.journal import ArmRecord, Journal
+from tilefab.io.journal import ArmRecord, Journal, RunRecord
 from tilefab.pipeline.line.alarms import alarm_text
 from tilefab.pipeline.line.daemon import LineDaemon, Log
 from tilefab.pipeline.line.device_link import LinkFacts
 from tilefab.pipeline.line.jobs import prepare_job
 from tilefab.pipeline.line.metrics import LineCounters, metrics_text
-from tilefab.pipeline.line.status import AlarmView, DeviceView, FaceView, LineStatus
+from tilefab.pipeline.line.status import AlarmView, DeviceView, DoubtView, FaceView, LineStatus
 
+_T = TypeVar("_T")
 _LAST_FACES = 12
+_RUNS_LOOKED_AT = 1000
 _TOLD = frozenset(ArmState) - {ArmState.INTENT}
 """States of arms that a tile came for; a dozen others are always put down ahead."""
 _DOUBTS_NAMED = 20
@@ -59,9 +63,12 @@ class Desk:
         self._since: dict[int, str] = {}
         self._counts: Mapping[str, int] = {}
         self._last: tuple[FaceView, ...] = ()
-        self._doubts: tuple[int, ...] = ()
+        self._doubts: tuple[DoubtView, ...] = ()
         self._in_doubt = 0
         self._preparing = asyncio.Lock()
+        self._reading = asyncio.Lock()
+        self._reader = ThreadPoolExecutor(max_workers=1, thread_name_prefix="tilefab-desk")
+        self._journal: Journal | None = None
 
     def attend(self, daemon: LineDaemon) -> None:
         """Look after a daemon."""
@@ -83,6 +90,17 @@ class Desk:
             with suppress(JournalError):
                 await self._look()
             await asyncio.sleep(_REFRESH_S)
+
+    async def close(self) -> None:
+        """Read no more."""
+
+        def close() -> None:
+            if self._journal is not None:
+                self._journal.close()
+
+        async with self._reading:
+            await asyncio.get_running_loop().run_in_executor(self._reader, close)
+        self._reader.shutdown()
 
     def status(self) -> LineStatus:
         """How the line is doing."""
@@ -149,9 +167,10 @@ class Desk:
             case "queue":
                 return await self._queue(Path(str(arguments["job"])))
             case "reprint":
-                return await self._reprint(_whole(arguments["face"]))
+                return await self._reprint(_whole(arguments["face"]), _maybe(arguments.get("run")))
             case "settle":
-                return await self._settle(_whole(arguments["face"]), ArmState(str(arguments["state"])))
+                state = ArmState(str(arguments["state"]))
+                return await self._settle(_whole(arguments["face"]), state, _maybe(arguments.get("run")))
             case _:
                 raise InterlockError(f"there is no order {name!r}", device=daemon.line_file.name)
 
@@ -170,8 +189,7 @@ class Desk:
 
     async def faces(self, last: int) -> Sequence[FaceView]:
         """The latest attempts to print a face, newest first."""
-        records = await self._attended().keeper.call(lambda journal: journal.arms(states=_TOLD, last=last))
-        return [_face(record) for record in reversed(records)]
+        return await self._read(lambda journal: [_face(arm) for arm in reversed(journal.arms(states=_TOLD, last=last))])
 
     def alarms(self) -> Sequence[AlarmView]:
         """Alarms that are up, oldest first."""
@@ -188,18 +206,34 @@ class Desk:
         ]
 
     async def _look(self) -> None:
-        daemon = self._attended()
-        book = daemon.book
+        book = self._attended().book
 
-        def read(journal: Journal) -> tuple[Mapping[ArmState, int], list[ArmRecord], list[ArmRecord]]:
+        def read(journal: Journal) -> None:
             counts = journal.counts(book.run_id) if book is not None else {}
-            return counts, journal.arms(states=_TOLD, last=_LAST_FACES), journal.arms(states=[ArmState.IN_DOUBT])
+            doubts = journal.arms(states=[ArmState.IN_DOUBT])
+            self._counts = {state.value: count for state, count in counts.items()}
+            self._last = tuple(_face(record) for record in reversed(journal.arms(states=_TOLD, last=_LAST_FACES)))
+            self._in_doubt = len(doubts)
+            self._doubts = tuple(DoubtView(record.run_id, record.face) for record in doubts[:_DOUBTS_NAMED])
 
-        counts, last, doubts = await daemon.keeper.call(read)
-        self._counts = {state.value: count for state, count in counts.items()}
-        self._last = tuple(_face(record) for record in reversed(last))
-        self._in_doubt = len(doubts)
-        self._doubts = tuple(record.face for record in doubts[:_DOUBTS_NAMED])
+        await self._read(read)
+
+    async def _read(self, work: Callable[[Journal], _T]) -> _T:
+        """Read from the journal, one after the other, in a thread and by a connection that the line doesn't wait for."""
+
+        def read() -> _T:
+            if self._journal is None:
+                line_file = self._attended().line_file
+                self._journal = Journal.look(line_file.journal_url, line=line_file.name)
+            try:
+                return work(self._journal)
+            except JournalError:
+                lost, self._journal = self._journal, None
+                lost.close()
+                raise
+
+        async with self._reading:
+            return await asyncio.get_running_loop().run_in_executor(self._reader, read)
 
     async def _queue(self, path: Path) -> str:
         """Put a job behind the others, once its maps are made: beside the line, one after the other, in this order."""
@@ -211,36 +245,50 @@ class Desk:
         before = len(daemon.jobs) - 1
         return f"{job.plan.name} is queued" + (f" behind {before} other{'s' * (before > 1)}" if before else "")
 
-    async def _reprint(self, face: int) -> str:
+    async def _reprint(self, face: int, run_id: int | None) -> str:
         daemon = self._attended()
-        run_id = await self._run_of(face)
-        attempt = await daemon.keeper.call(lambda journal: journal.order_reprint(run_id, face))
+        run = await self._run(run_id)
+        attempt = await daemon.keeper.call(lambda journal: journal.order_reprint(run.run_id, face))
         book = daemon.book
-        if book is not None and book.run_id == run_id:
+        what = f"face {face} of {run.facts.name} (run {run.run_id})"
+        if book is not None and book.run_id == run.run_id:
             book.queue.reprint(face, attempt)
-            return f"face {face} comes again on one of the next tiles"
-        return f"face {face} comes again once its job is queued"
+            return f"{what} comes again on one of the next tiles"
+        return f"{what} comes again once its job is queued"
 
-    async def _settle(self, face: int, state: ArmState) -> str:
+    async def _settle(self, face: int, state: ArmState, run_id: int | None) -> str:
         daemon = self._attended()
-        run_id = await self._run_of(face)
-        record = await daemon.keeper.call(lambda journal: journal.settle(run_id, face, state))
+        if run_id is None:
+            run_id = await self._run_in_doubt(face)
+        run = await self._run(run_id)
+        record = await daemon.keeper.call(lambda journal: journal.settle(run.run_id, face, state))
         book = daemon.book
-        if book is not None and book.run_id == run_id:
+        if book is not None and book.run_id == run.run_id:
             book.queue.give_back(face, record.attempt, state)
-        await self._look()
         again = "; it comes again" if state is ArmState.UNPRINTED else ""
-        return f"face {face} is settled as {state}{again}"
+        return f"face {face} of {run.facts.name} (run {run.run_id}) is settled as {state}{again}"
 
-    async def _run_of(self, face: int) -> int:
-        """The run that an operator means: the present one, or else the last."""
+    async def _run_in_doubt(self, face: int) -> int:
+        """The only run in which a face is in doubt: with several, a guess could print one twice."""
         daemon = self._attended()
-        if daemon.book is not None:
-            return daemon.book.run_id
-        runs = await daemon.keeper.call(lambda journal: journal.runs(last=1))
-        if not runs:
-            raise InterlockError(f"face {face}: this line hasn't printed anything yet", device=daemon.line_file.name)
-        return runs[-1].run_id
+        doubts = await daemon.keeper.call(lambda journal: journal.arms(states=[ArmState.IN_DOUBT]))
+        found = [record.run_id for record in doubts if record.face == face]
+        if len(found) == 1:
+            return found[0]
+        why = f"it is in doubt in the runs {', '.join(map(str, found))}: say which with --run" if found else "it isn't"
+        raise InterlockError(f"face {face} can't be settled as one in doubt: {why}", device=daemon.line_file.name)
+
+    async def _run(self, run_id: int | None) -> RunRecord:
+        """A run; without a number the present one, or else the last."""
+        daemon = self._attended()
+        if run_id is None and daemon.book is not None:
+            run_id = daemon.book.run_id
+        runs = await daemon.keeper.call(lambda journal: journal.runs(last=_RUNS_LOOKED_AT))
+        for run in reversed(runs):
+            if run_id is None or run.run_id == run_id:
+                return run
+        what = "it hasn't printed anything yet" if run_id is None else f"it has no run {run_id}"
+        raise InterlockError(f"{daemon.line_file.name}: {what}", device=daemon.line_file.name)
 
     def _attended(self) -> LineDaemon:
         if self._daemon is None:
@@ -269,3 +317,7 @@ def _face(record: ArmRecord) -> FaceView:
 
 def _whole(value: object) -> int:
     return int(str(value))
+
+
+def _maybe(value: object) -> int | None:
+    return None if value is None else _whole(value)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from typing import TypeVar
 
 from tilefab.control.ledger import ArmState
+from tilefab.errors import JournalError
 from tilefab.io.journal import ArmChange, ArmRecord, Intent, Journal, RunFacts
 from tilefab.pipeline.line.probe import Probe, nothing
 
@@ -29,6 +32,8 @@ class JournalKeeper:
         self._url, self._line, self._probe = url, line, probe
         self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="tilefab-journal")
         self._journal: Journal | None = None
+        self._asked = 0
+        self._waiting: dict[int, float] = {}
 
     @property
     def is_open(self) -> bool:
@@ -38,6 +43,21 @@ class JournalKeeper:
     async def open(self) -> None:
         """Open the journal."""
         self._journal = await self._run(lambda: Journal.open(self._url, line=self._line))
+
+    async def reopen_if_lost(self) -> bool:
+        """Open the journal anew if it failed for good; whether it did."""
+        if not await self.call(lambda journal: journal.lost):
+            return False
+        with suppress(JournalError):
+            await self.call(Journal.close)
+        self._journal = None
+        await self.open()
+        return True
+
+    @property
+    def waiting_s(self) -> float:
+        """For how long the oldest thing that was asked for has been waited for."""
+        return time.monotonic() - min(self._waiting.values()) if self._waiting else 0.0
 
     async def begin_session(self, *, above: int) -> int:
         """Number of a new session with the devices, above every earlier one and above ``above``."""
@@ -87,7 +107,12 @@ class JournalKeeper:
         await self.call(lambda journal: journal.note(kind, **detail))
 
     async def _run(self, work: Callable[[], _T]) -> _T:
-        return await asyncio.get_running_loop().run_in_executor(self._thread, work)
+        self._asked += 1
+        number = self._asked
+        self._waiting[number] = time.monotonic()
+        done = asyncio.get_running_loop().run_in_executor(self._thread, work)
+        done.add_done_callback(lambda _: self._waiting.pop(number))
+        return await done
 
 
 class WriteBehind:

@@ -8,7 +8,7 @@ from typing import Protocol
 from tilefab.control.ledger import MOST_FACES, ArmState
 from tilefab.pipeline.line.status import AlarmView, FaceView, LineStatus
 
-MOST_FACES_TOLD = 1000
+MOST_FACES_TOLD = 200
 """Most faces that `LineControl.faces` is asked for."""
 
 SETTLED = (ArmState.PASSED, ArmState.DIVERTED, ArmState.UNPRINTED)
@@ -52,7 +52,8 @@ def check_order(name: str, arguments: Mapping[str, object]) -> dict[str, object]
         ``start``, ``hold``, ``resume``, ``stop``, ``ack``, ``queue``, ``reprint`` or ``settle``.
     arguments
         ``up_to`` for ``ack``: number of the newest alarm that was seen; ``job`` for ``queue``: the whole path of a job
-        file; ``face`` for ``reprint`` and ``settle``; ``state`` for ``settle``: what became of the face.
+        file; ``face`` for ``reprint`` and ``settle``; ``state`` for ``settle``: what became of it; ``run`` for both,
+        if it isn't plain which job's face is meant.
 
     Returns
     -------
@@ -76,6 +77,8 @@ def check_order(name: str, arguments: Mapping[str, object]) -> dict[str, object]
             raise ValueError(f"{name} takes no {str(key)[:40]!r}, but {takes}")
     for key, check in checks.items():
         if key not in arguments:
+            if key in _OPTIONAL:
+                continue
             raise ValueError(f"{name} needs {key!r}")
         problem = check(arguments[key])
         if problem:
@@ -101,6 +104,7 @@ def _settled(value: object) -> str:
 
 
 _FACE = _whole(0, MOST_FACES)
+_RUN = _whole(1, 1 << 31)
 _ORDERS: Mapping[str, Mapping[str, Callable[[object], str]]] = {
     "start": {},
     "hold": {},
@@ -108,8 +112,9 @@ _ORDERS: Mapping[str, Mapping[str, Callable[[object], str]]] = {
     "stop": {},
     "ack": {"up_to": _whole(0, _MOST_ALARMS)},
     "queue": {"job": _path},
-    "reprint": {"face": _FACE},
-    "settle": {"face": _FACE, "state": _settled},
+    "reprint": {"face": _FACE, "run": _RUN},
+    "settle": {"face": _FACE, "state": _settled, "run": _RUN},
 }
+_OPTIONAL = frozenset({"run"})
 ORDERS = tuple(_ORDERS)
 """Names of all orders."""

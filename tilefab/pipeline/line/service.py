@@ -97,6 +97,7 @@ async def _serve(
                 for task in beside:
                     task.cancel()
                 await asyncio.gather(*beside, return_exceptions=True)
+                await desk.close()
                 log("down")
 
 

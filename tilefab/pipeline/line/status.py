@@ -85,6 +85,22 @@ class FaceView:
 
 
 @dataclass(frozen=True)
+class DoubtView:
+    """A face that an operator must settle.
+
+    Attributes
+    ----------
+    run_id
+        The run that it belongs to, not always the present one.
+    face
+        Its number.
+    """
+
+    run_id: int
+    face: int
+
+
+@dataclass(frozen=True)
 class LineStatus:
     """How a line is doing.
 
@@ -101,7 +117,7 @@ class LineStatus:
     counts
         Attempts of the present run by what became of them; see `tilefab.control.ledger.ArmState`.
     in_doubt, faces_in_doubt
-        How many faces nobody knows the fate of, and the numbers of the first of them.
+        How many faces nobody knows the fate of, in all runs, and the first of them.
     belt_running, belt_speed_mm_s
         As the conveyor tells.
     faces_per_minute
@@ -136,7 +152,7 @@ class LineStatus:
     faces_wanted: int = 0
     counts: Mapping[str, int] = field(default_factory=dict)
     in_doubt: int = 0
-    faces_in_doubt: tuple[int, ...] = ()
+    faces_in_doubt: tuple[DoubtView, ...] = ()
     belt_running: bool = False
     belt_speed_mm_s: float = 0.0
     faces_per_minute: float = 0.0
@@ -166,9 +182,9 @@ class LineStatus:
             If a key is missing or isn't what it should be.
         """
         facts = _known(LineStatus, value)
-        for key, item in (("alarms", AlarmView), ("last_faces", FaceView)):
+        for key, item in (("alarms", AlarmView), ("last_faces", FaceView), ("faces_in_doubt", DoubtView)):
             facts[key] = tuple(_view(item, entry) for entry in _list(facts.get(key, ())))
-        for key in ("faces_in_doubt", "ink_names", "ink_frac", "kiln_degc", "kiln_set_degc", "queue"):
+        for key in ("ink_names", "ink_frac", "kiln_degc", "kiln_set_degc", "queue"):
             facts[key] = tuple(_list(facts.get(key, ())))
         devices = facts.get("devices", {})
         if not isinstance(devices, Mapping):

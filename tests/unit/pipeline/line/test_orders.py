@@ -20,6 +20,13 @@ def test_every_order_is_known() -> None:
         assert check_order(name, arguments) == arguments
 
 
+def test_a_run_may_be_named_where_faces_are() -> None:
+    assert check_order("settle", {"face": 0, "state": "passed", "run": 7})["run"] == 7
+    assert check_order("reprint", {"face": 0, "run": 7})["run"] == 7
+    with pytest.raises(ValueError, match="takes no 'run'"):
+        check_order("start", {"run": 7})
+
+
 @pytest.mark.parametrize(
     ("name", "arguments", "words"),
     [
@@ -36,6 +43,7 @@ def test_every_order_is_known() -> None:
         ("reprint", {"face": 1 << 40}, "face must be"),
         ("settle", {"face": 0, "state": "printed"}, "one of passed, diverted, unprinted"),
         ("settle", {"face": 0, "state": ["passed"]}, "one of passed, diverted, unprinted"),
+        ("settle", {"face": 0, "state": "passed", "run": 0}, "run must be a whole number from 1"),
         ("settle", {"face": 0, "state": "passed", "why": ""}, "settle takes no 'why', but face, state"),
     ],
 )

@@ -3,7 +3,7 @@ import json
 
 import pytest
 
-from tilefab.pipeline.line.status import AlarmView, DeviceView, FaceView, LineStatus
+from tilefab.pipeline.line.status import AlarmView, DeviceView, DoubtView, FaceView, LineStatus
 
 FULL = LineStatus(
     line="line 1",
@@ -16,7 +16,7 @@ FULL = LineStatus(
     faces_wanted=1000,
     counts={"passed": 12, "in_doubt": 1},
     in_doubt=1,
-    faces_in_doubt=(11,),
+    faces_in_doubt=(DoubtView(3, 11),),
     belt_running=True,
     belt_speed_mm_s=2200.0,
     faces_per_minute=198.5,

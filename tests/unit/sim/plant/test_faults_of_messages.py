@@ -10,6 +10,8 @@ from sim.plant.inprocess import plant_in, running_plant_here
 from sim.plant.wire import tfp
 from tests.unit.sim.plant.hosts import DataHost, ModbusHost, PrinterHost, RtuHost, SerialHost, wait_until
 
+pytestmark = pytest.mark.xdist_group("line")
+
 PROBE = bytes.fromhex("0300030002")
 PROBE_REPLY = bytes.fromhex("030401020304")
 SPEED = bytes.fromhex("0600220064")

@@ -8,6 +8,8 @@ import pytest
 
 from tests.unit.sim.plant.hosts import ControlHost, DataHost, ModbusHost, PrinterHost, wait_until
 
+pytestmark = pytest.mark.xdist_group("line")
+
 
 def up(running, *devices):
     wait_until(lambda: all(running.state()["up"][device] for device in devices), "up again")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import random
 
+import pytest
+
 from tests.unit.sim.plant.hosts import (
     ControlHost,
     DataHost,
@@ -15,6 +17,8 @@ from tests.unit.sim.plant.hosts import (
     TcpHost,
     wait_until,
 )
+
+pytestmark = pytest.mark.xdist_group("line")
 
 
 def test_nonsense_is_survived(running):

@@ -30,6 +30,8 @@ from tests.unit.sim.plant.hosts import (
     wait_until,
 )
 
+pytestmark = pytest.mark.xdist_group("line")
+
 FACE = bytes(range(240)) * 100
 
 

@@ -9,6 +9,7 @@ from zlib import crc32
 import pytest
 
 from sim.plant.checks import crc16
+from sim.plant.network.faults import FORGED_KINDS, MESSAGE_KINDS, Fault, Link, Plan, answer_through
 from sim.plant.physics.gauge import Gauge
 from sim.plant.wire import gauge_lines, tfp
 from sim.plant.wire.forge import garbled, with_wrong
@@ -87,6 +88,34 @@ def test_garbled_answers_differ_in_one_to_three_bits(form, frame):
 def test_anywhere_is_anywhere():
     chance = random.Random(3)
     assert any(garbled("tcp", TCP, chance, anywhere=True)[9:] != TCP[9:] for _ in range(20))
+
+
+def answered(form, frame, kinds, seed=1):
+    """What is sent under faults that strike together."""
+    sent = []
+    link = Link(sent.append, lambda: None, lambda _delay, call: call(), form)
+    answer_through(Plan(tuple(Fault("plc", kind, random.Random(seed)) for kind in kinds)), link, lambda: frame)
+    return sent
+
+
+FRAMES = {"tcp": TCP, "rtu": RTU, "tfp": TFP, "ascii": gauge_line("9 E 1"), "tfd": b"STAT" + bytes(17)}
+
+
+@pytest.mark.parametrize("form", FRAMES)
+def test_any_faults_may_strike_the_same_message(form):
+    chance = random.Random(form)
+    kinds = sorted(MESSAGE_KINDS)
+    for seed in range(500):
+        answered(form, FRAMES[form], chance.choices(kinds, k=chance.randint(2, 5)), seed)
+
+
+@pytest.mark.parametrize("kind", sorted(FORGED_KINDS))
+def test_a_wrong_content_is_made_before_any_damage_and_once(kind):
+    (alone,) = answered("tcp", TCP, [kind])
+    assert answered("tcp", TCP, [kind, kind]) == [alone]
+    (cut,) = answered("tcp", TCP, ["truncate", kind])
+    assert alone.startswith(cut)
+    assert len(cut) < len(alone)
 
 
 def test_the_gauge_answers_in_lines():
