@@ -32,7 +32,11 @@ KILLED = -9
 _REPEATED = frozenset(STEPS[STEPS.index("arm.before") : STEPS.index(LAST)])
 """Steps that each tile goes through, so that they come more than once in a daemon's life."""
 
+_AT_REST = frozenset(STEPS[: STEPS.index("arm.before")])
+"""Steps before the belt moves: where one isn't met by then, the daemon has nothing to do there."""
+
 _LONGEST_S = 2.5
+_LONGEST_AT_REST_S = 0.9
 _MORE = 60
 _END_S = 120.0
 
@@ -97,9 +101,9 @@ def kill_often(
             found.kills += code == KILLED
         else:
             count = chance.choice((1, 1, 2, 3, 5, 8)) if step in _REPEATED else 1
-            begun = time.monotonic()
-            code = wait_or_kill(place.fork(kill_at(step, count)), _LONGEST_S if step != LAST else _END_S)
-            found.kills += code == KILLED and (step == LAST or time.monotonic() - begun < _LONGEST_S)
+            begun, longest = time.monotonic(), _longest_s(step)
+            code = wait_or_kill(place.fork(kill_at(step, count)), longest)
+            found.kills += code == KILLED and time.monotonic() - begun < longest
         if code == STOPPED or (code == KILLED and step == LAST):
             place = place.more(_MORE if step != LAST else 5)
         elif code != KILLED:
@@ -116,6 +120,12 @@ def kill_often(
     found.doubled = summary["faces_twice"]
     found.blank = summary["tiles"] - summary["prints"]
     return found
+
+
+def _longest_s(step: str) -> float:
+    if step == LAST:
+        return _END_S
+    return _LONGEST_AT_REST_S if step in _AT_REST else _LONGEST_S
 
 
 def kill_block(folder: Path, step: str, kills: int, seed: int, *, rtu: bool = False) -> Kills:

@@ -143,6 +143,12 @@ def test_orders_that_follow_each_other_at_once_lose_no_face(line: Line) -> None:
                 await hand.until(lambda: not machine.refusal(hand.daemon.line, machine.OperatorResume()))
                 hand.order(machine.OperatorResume())
                 await asyncio.sleep(pause)
+            await hand.until_state(LineState.RUNNING)
+            hand.order(machine.OperatorHold())
+            hand.order(machine.OperatorStop())
+            assert hand.state is LineState.STOPPED
+            hand.order(machine.OperatorStart())
+            await hand.until_state(LineState.RUNNING)
             hand.order(machine.OperatorStop())
             hand.order(machine.OperatorStart())
             await hand.finish()

@@ -50,6 +50,8 @@ class OpenArm:
         Boot of the conveyor's controller when it was recorded last.
     released
         Whether its tile may have been released: ``None`` if that isn't known, as after a restart.
+    barred
+        Whether it was found before that its tile must never be released.
     """
 
     arm_id: int
@@ -58,6 +60,7 @@ class OpenArm:
     tile_seq: int | None = None
     plc_boot: int | None = None
     released: bool | None = None
+    barred: bool = False
 
 
 @dataclass(frozen=True)
@@ -127,11 +130,14 @@ class Known:
     trusted
         Whether tiles are where they were: both counts still match as they did, and nothing happened that moves tiles by
         other means than the belt.
+    spoilt
+        Whether ink or a nozzle failed since: then whatever was begun or finished since may lack ink.
     """
 
     calibration: Calibration | None
     highest_accepted_arm: int
     trusted: bool
+    spoilt: bool = False
 
 
 @dataclass(frozen=True)
@@ -210,7 +216,7 @@ def reconcile(
         if state in (ArmState.INTENT, ArmState.ARMED):
             found = printer.outcomes.get(arm.arm_id)
             if found is not None and found.face == arm.face and found.state in UNFINISHED:
-                continuing[arm.arm_id] = _tile_of(found, known)
+                continuing[arm.arm_id] = _tile_of(arm, found, known)
                 continue
             verdict = _of_printing(arm, printer, forgot, known)
             verdicts.append(verdict)
@@ -226,8 +232,9 @@ def reconcile(
     return Reconciliation(tuple(verdicts), waiting, continuing)
 
 
-def _tile_of(found: PrintedArm, known: Known) -> int | None:
-    if known.calibration is None or not known.trusted:
+def _tile_of(arm: OpenArm, found: PrintedArm, known: Known) -> int | None:
+    begun = found.state is not PrintState.QUEUED
+    if known.calibration is None or not known.trusted or arm.barred or (known.spoilt and begun):
         return None
     return known.calibration.tile_seq(found.detect_seq)
 
@@ -251,7 +258,7 @@ def _of_printing(arm: OpenArm, printer: PrinterMemory, forgot: bool, known: Know
         arm.arm_id,
         ArmState.PRINTED,
         "printed, found when the line was brought up",
-        tile_seq=_tile_of(found, known),
+        tile_seq=_tile_of(arm, found, known),
         rows_printed=rows,
         data_crc32=found.data_crc32,
         detect_seq=found.detect_seq,

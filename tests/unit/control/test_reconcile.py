@@ -102,6 +102,23 @@ def test_printed_but_nobody_knows_which_tile_is_scrapped_by_the_diverter() -> No
     assert not found.waiting
 
 
+def test_what_was_under_the_head_when_ink_failed_is_never_released() -> None:
+    spoilt = replace(KNOWN, spoilt=True)
+    found = settle(INTENT, printer((10, printed(PrintState.PRINTED, detect=6))), spoilt)
+    assert states(found) == [ArmState.PRINTED, ArmState.DIVERTED]
+    assert settle(INTENT, printer((10, printed(PrintState.PRINTING, detect=6))), spoilt).continuing == {10: None}
+    # What comes after, or was recorded before, is as good as ever.
+    assert settle(INTENT, printer((10, printed(PrintState.QUEUED, detect=6))), spoilt).continuing == {10: 106}
+    assert settle(PRINTED, printer(), spoilt).waiting == {10: 106}
+
+
+def test_what_was_barred_once_stays_so() -> None:
+    barred = replace(INTENT, barred=True)
+    assert settle(barred, printer((10, printed(PrintState.PRINTING)))).continuing == {10: None}
+    found = settle(barred, printer((10, printed(PrintState.PRINTED, detect=6))))
+    assert states(found) == [ArmState.PRINTED, ArmState.DIVERTED]
+
+
 def test_a_face_of_another_number_is_never_guessed_at() -> None:
     assert states(settle(INTENT, printer((10, printed(PrintState.PRINTED, face=8))))) == [ArmState.IN_DOUBT]
 

@@ -31,6 +31,12 @@ CALIBRATED = "calibrated"
 TILES_MOVED = "tiles_moved"
 """Kind of the journal's note that tiles may have been moved by other means than the belt."""
 
+PRINT_SPOILT = "print_spoilt"
+"""Kind of the journal's note that ink or a nozzle failed while something was printed."""
+
+BARRED = "its tile is never released"
+"""Reason of an arm that the printer still holds, but whose tile can't be trusted."""
+
 _REST_S = 0.15
 _STILL_WITHIN_S = 20.0
 _LATEST_ARMS = 256
@@ -109,7 +115,7 @@ class BringUp:
                 )
             before = now
 
-    async def settle(self, book: FaceBook, *, moved: bool, counts_per_mm: float) -> BroughtUp:
+    async def settle(self, book: FaceBook, *, moved: bool, spoilt: bool, counts_per_mm: float) -> BroughtUp:
         """Settle every open arm, and match the counts anew.
 
         Parameters
@@ -118,11 +124,13 @@ class BringUp:
             Faces of the present run; its active arms are set anew.
         moved
             Whether tiles may have been moved by other means than the belt since the last time.
+        spoilt
+            Whether ink or a nozzle failed while something was printed since.
         counts_per_mm
             Of the encoder.
         """
         still = await self.standstill(counts_per_mm)
-        last, moved_since = await self._last_calibration()
+        last, moved_since, spoilt_since = await self._last_calibration()
         calibration = calibrate(still)
         trusted = not moved and not moved_since and _still_holds(last, calibration, round(_SLIP_MM * counts_per_mm))
         records = await self._keeper.arms(states=_OPEN)
@@ -135,7 +143,7 @@ class BringUp:
         memory = await self._printer_memory(records, trusted, book.run_id)
         conveyor = ConveyorMemory(plc.boot_id, plc.decided_seq, plc.passed_bits)
         arms = [_open_arm(record, book) for record in records]
-        found = reconcile(arms, memory, conveyor, Known(last, accepted, trusted))
+        found = reconcile(arms, memory, conveyor, Known(last, accepted, trusted, spoilt or spoilt_since))
         self._probe("reconcile.read")
         found = await self._checked(found, {record.arm_id: record for record in records}, book)
         await self._write(found, still)
@@ -153,14 +161,16 @@ class BringUp:
             tuple((arm, by_id[arm].face) for arm in sorted(found.continuing) if by_id[arm].run_id == book.run_id),
         )
 
-    async def _last_calibration(self) -> tuple[Calibration | None, bool]:
-        """The last calibration put down, and whether tiles were moved since."""
-        note = await self._keeper.call(lambda journal: journal.latest_note(CALIBRATED))
-        moved = await self._keeper.call(lambda journal: journal.latest_note(TILES_MOVED))
+    async def _last_calibration(self) -> tuple[Calibration | None, bool, bool]:
+        """The last calibration put down, and whether since then tiles were moved, or prints spoilt."""
+        note, *others = await self._keeper.call(
+            lambda journal: [journal.latest_note(kind) for kind in (CALIBRATED, TILES_MOVED, PRINT_SPOILT)]
+        )
+        begin = note.note_id if note is not None else 0
+        moved, spoilt = (other is not None and other.note_id > begin for other in others)
         if note is None:
-            return None, moved is not None
-        facts = {name: int(str(value)) for name, value in note.detail.items()}
-        return Calibration(**facts), moved is not None and moved.note_id > note.note_id
+            return None, moved, spoilt
+        return Calibration(**{name: int(str(value)) for name, value in note.detail.items()}), moved, spoilt
 
     async def _printer_memory(self, records: list[ArmRecord], trusted: bool, run_id: int) -> PrinterMemory:
         """What the printer remembers of open arms; those that can't go on are disarmed first."""
@@ -221,6 +231,12 @@ class BringUp:
             )
             for verdict in found.verdicts
         ]
+        # Said for good: a tile that isn't to be trusted now isn't at the next time either.
+        changes += [
+            ArmChange(arm_id=arm_id, state=ArmState.ARMED, reason=BARRED)
+            for arm_id, tile_seq in found.continuing.items()
+            if tile_seq is None
+        ]
         await self._keeper.mark(changes, "reconcile")
 
     def _take(self, found: Reconciliation, records: list[ArmRecord], memory: PrinterMemory, book: FaceBook) -> None:
@@ -270,7 +286,8 @@ _STATES = {state: PrintState[state.name] for state in OutcomeState}
 def _open_arm(record: ArmRecord, book: FaceBook) -> OpenArm:
     known = book.active.get(record.arm_id)
     released = None if known is None else known.asked_release
-    return OpenArm(record.arm_id, record.face, record.state, record.tile_seq, record.plc_boot, released)
+    barred = record.reason == BARRED
+    return OpenArm(record.arm_id, record.face, record.state, record.tile_seq, record.plc_boot, released, barred)
 
 
 def _still_holds(last: Calibration | None, now: Calibration, slip_counts: int) -> bool:

@@ -27,7 +27,7 @@ from tilefab.devices import (
 from tilefab.errors import DeviceError, InterlockError, JournalError, TilefabError
 from tilefab.io.journal import ArmChange
 from tilefab.pipeline.line.book import INTENTS_AHEAD, FaceBook
-from tilefab.pipeline.line.bring_up import TILES_MOVED, BringUp
+from tilefab.pipeline.line.bring_up import PRINT_SPOILT, TILES_MOVED, BringUp
 from tilefab.pipeline.line.conveyor_loop import ConveyorLoop
 from tilefab.pipeline.line.device_link import DeviceLink
 from tilefab.pipeline.line.gauge_loop import GaugeLoop
@@ -131,8 +131,9 @@ class LineDaemon:
         self._streamer: Streamer | None = None
         self._probe, self._open_source = probe, open_source
         self._session = 0
-        self._moved = self._closed = False
+        self._moved = self._spoilt = self._closed = False
         self._filling: asyncio.Task[None] | None = None
+        self._cancelling: asyncio.Task[None] | None = None
         self._watched = 0
         self._behind_told: int | None = None
         self._feeding = Feeding()
@@ -264,6 +265,17 @@ class LineDaemon:
             self._moved = True
             self.tell(TILES_MOVED, code=code)
 
+    @property
+    def spoilt(self) -> bool:
+        """Whether ink or a nozzle failed since the line was brought up."""
+        return self._spoilt
+
+    def print_spoilt(self, code: str) -> None:
+        """Ink or a nozzle failed: what is under the head may lack ink."""
+        if not self._spoilt:
+            self._spoilt = True
+            self.tell(PRINT_SPOILT, code=code)
+
     def doubt(self, code: str, reason: str) -> None:
         """Something isn't as it must be."""
         if code in MOVED:
@@ -328,7 +340,7 @@ class LineDaemon:
                 self.printer.acknowledge()
                 self.plc_link.hurry()
             case machine.CancelArms():
-                self._start(self._cancel_arms())
+                self._cancelling = self._start(self._cancel_arms())
             case machine.BeginChangeover():
                 self._answer(self._take_job(), lambda why, code: machine.ChangeoverReady(False, why, code))
             case machine.CheckDevices():
@@ -490,10 +502,12 @@ class LineDaemon:
         self.conveyor.counts_per_mm = identity.counts_per_mm
         bring_up = BringUp(self.keeper, self._read, self._ask_printer, source.checksum, self._probe)
         moved, self._moved = self._moved, False
+        spoilt, self._spoilt = self._spoilt, False
         try:
-            found = await bring_up.settle(book, moved=moved, counts_per_mm=identity.counts_per_mm)
+            found = await bring_up.settle(book, moved=moved, spoilt=spoilt, counts_per_mm=identity.counts_per_mm)
         except BaseException:
             self._moved |= moved
+            self._spoilt |= spoilt
             raise
         book.coming = 0
         self._streamer = self._new_streamer(source)
@@ -523,8 +537,9 @@ class LineDaemon:
 
     async def _all_written(self) -> None:
         """Wait until the journal has all that was begun."""
-        if self._filling is not None:
-            await asyncio.wait({self._filling})
+        begun = [task for task in (self._filling, self._cancelling) if task is not None]
+        if begun:
+            await asyncio.wait(begun)
         await self.printer.written()
         await self.conveyor.written()
 

@@ -219,7 +219,7 @@ class Desk:
         await self._read(read)
 
     async def _read(self, work: Callable[[Journal], _T]) -> _T:
-        """Read from the journal, one after the other, in a thread and by a connection that the line doesn't wait for."""
+        """Read from the journal, one at a time, in a thread and by a connection that the line doesn't wait for."""
 
         def read() -> _T:
             if self._journal is None:

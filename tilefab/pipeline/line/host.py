@@ -36,6 +36,13 @@ class LineHost(Protocol):
     def tiles_moved(self, code: str) -> None:
         """Tell that tiles may lie elsewhere than the counts say."""
 
+    @property
+    def spoilt(self) -> bool:
+        """Whether ink or a nozzle failed since the line was brought up."""
+
+    def print_spoilt(self, code: str) -> None:
+        """Tell that ink or a nozzle failed: what is under the head may lack ink."""
+
     def fault(self, code: str, reason: str) -> None:
         """Tell that the line can't go on: it stops."""
 

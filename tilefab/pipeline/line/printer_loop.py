@@ -189,6 +189,9 @@ class PrinterLoop:
         host = self._host
         if before is None or before.e_stop != status.e_stop:
             host.e_stop("printer", status.e_stop)
+        for code in ("ink_out", "nozzle_out"):
+            if getattr(status, code) and (before is None or not getattr(before, code)):
+                host.print_spoilt(code)
         if self.calibration is not None and status.boot_id != self.calibration.printer_boot:
             # Told once: until the line is brought up, nothing is known of any tile.
             self.calibration = None
@@ -390,11 +393,11 @@ class PrinterLoop:
                 return self._end(book, arm, ArmState.PARTIAL, outcome, "printed from other data than was sent")
             if arm.tile_seq is None:
                 printed = self._change(arm, ArmState.PRINTED, outcome)
-                reason = "tiles were moved: its tile is never released"
+                reason = "its tile can't be trusted, and is never released"
                 return [printed, *self._end(book, arm, ArmState.DIVERTED, outcome, reason)]
-            if self.status is not None and self.status.nozzle_out:
+            if host.spoilt:
                 printed = self._change(arm, ArmState.PRINTED, outcome)
-                reason = "a nozzle may have been out: its tile is never released"
+                reason = "ink or a nozzle failed under it: its tile is never released"
                 return [printed, *self._end(book, arm, ArmState.DIVERTED, outcome, reason)]
             arm = book.update(arm_id, state=ArmState.PRINTED)
             return [self._change(arm, ArmState.PRINTED, outcome)]

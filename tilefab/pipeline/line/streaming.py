@@ -108,7 +108,8 @@ class Streamer:
     def cancel(self, arm_id: int) -> None:
         """Send no more of an arm's face."""
         with self._wake:
-            self._cancelled.add(arm_id)
+            if arm_id == self._current or any(task.arm_id == arm_id for task in self._tasks):
+                self._cancelled.add(arm_id)
 
     def checksum(self, arm_id: int) -> int | None:
         """CRC-32 of the whole face sent for an arm; ``None`` if it wasn't sent whole."""
