@@ -50,6 +50,7 @@ _SESSIONS_SINCE_S = 1_767_225_600
 """2026-01-01, from which sessions are counted in seconds, if the journal that counted them was lost."""
 
 _RUNS_LOOKED_AT = 1000
+_NAMED = 12
 _LOADER_WAY_MM = 10_000
 """No loader is farther from its eye."""
 _SLOW_JOURNAL_S = 1.0
@@ -517,7 +518,12 @@ class LineDaemon:
         self.printer.begin_at(found.calibration, print_job(job, source, identity))
         self.conveyor.begin_at(found.calibration)
         await self._fill(book)
-        return machine.Reconciled(doubt=len(found.in_doubt))
+        if not found.in_doubt:
+            return machine.Reconciled()
+        named = ", ".join(map(str, found.in_doubt[:_NAMED])) + (", ..." if len(found.in_doubt) > _NAMED else "")
+        return machine.Reconciled(
+            doubt=len(found.in_doubt), reason=f"nobody can tell what became of {len(found.in_doubt)} faces: {named}"
+        )
 
     async def _cancel_arms(self) -> None:
         """Take back what the printer hasn't begun; the next start finds out what became of it."""

@@ -155,10 +155,13 @@ class Desk:
         if name in _ORDERS:
             event = _ORDERS[name]
             why = machine.refusal(daemon.line, event)
+            if name == "start" and not why and daemon.book is None and not daemon.jobs:
+                why = "no job waits: queue one"
             if why:
                 raise InterlockError(why, device=daemon.line_file.name)
+            held = daemon.line.state in machine.RESTING
             daemon.post(event)
-            return _DONE[name]
+            return "stopped" if name == "stop" and held else _DONE[name]
         match name:
             case "ack":
                 daemon.post(machine.OperatorAck(_whole(arguments["up_to"])))
