@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tests.line_workshop import STOPPED, PlantProcess, Workplace, judge, wait_for, wait_or_kill
+from tests.line_workshop import STOPPED, PlantProcess, Workplace, judge, wait_or_kill
 from tilefab.control.ledger import ArmState
 
 MESSAGE_KINDS = (
@@ -154,11 +154,13 @@ def strike_often(
     more: int = 40,
     check_pixels: int = 4,
     longest_wait_s: float = 1.4,
+    finish: bool = True,
     log: Path | None = None,
 ) -> tuple[Struck, Workplace]:
     """Strike a running line with one fault after the other, let it finish its job, and judge.
 
-    Returns what came of it, and the line with the job as it is then.
+    Without ``finish`` the daemon is killed as soon as the line prints again. Returns what came of it, and the line with
+    the job as it is then.
     """
     found, chance = Struck(), random.Random(seed)
     daemon = _Daemon(place, more, log)
@@ -177,21 +179,35 @@ def strike_often(
         time.sleep(longest_wait_s * chance.random() ** 2)
         strike(plant, chance)
         found.faults[name] += 1
-    code = _finish(plant, daemon)
-    if code != STOPPED:
-        found.wrong.append(f"the line can't finish its job: {code}")
-    judged = judge(plant, daemon.place, check_pixels=check_pixels)
+    _mend(plant)
+    if finish:
+        code = wait_or_kill(daemon.pid, _END_S)
+        if code != STOPPED:
+            found.wrong.append(f"the line can't finish its job: {code}")
+    else:
+        _see_it_print(plant, daemon, found)
+    judged = judge(plant, daemon.place, check_pixels=check_pixels, finished=finish)
     found.wrong += judged.wrong
     found.faces = judged.faces
     return found, daemon.place
 
 
-def _finish(plant: PlantProcess, daemon: _Daemon) -> int:
-    """Mend everything, and wait for the job's end; a message's fault that is over may still hold the line."""
+def _mend(plant: PlantProcess) -> None:
     plant.do("clear")
     for kind in ("e_stop_release", "jam_clear", "ink_refill", "nozzle_ok", "diverter_ok"):
         plant.fault("plc", kind)
-    return wait_or_kill(daemon.pid, _END_S)
 
 
-__all__ = ["MESSAGE_FAULTS", "PLANT_FAULTS", "Struck", "message", "strike_often", "wait_for"]
+def _see_it_print(plant: PlantProcess, daemon: _Daemon, found: Struck) -> None:
+    """Wait for a face more, and kill the daemon."""
+    deadline = time.monotonic() + _TO_RUN_S
+    before = plant.do("truth", summary=True)["summary"]["prints"]
+    wrong = ""
+    while not wrong and plant.do("truth", summary=True)["summary"]["prints"] == before:
+        wrong = daemon.see_to()
+        if time.monotonic() > deadline:
+            wrong = "nothing is printed any more"
+        time.sleep(_TURN_S)
+    if wrong:
+        found.wrong.append(wrong)
+    wait_or_kill(daemon.pid, 0.0)

@@ -1,8 +1,9 @@
 """Loss of power under a whole line: the daemon dies, and of what its journal hadn't synced anything may be missing.
 
-Each cycle forks a daemon whose SQLite is listened to (`tests.power_loss.Recorder`), ends it beyond any cleaning up just
-before one of its syncs or at any other moment, puts a disk image in the journal's place that such a moment may leave, and
-cuts the plant's power too in some cycles. The next daemon goes on from that image; the plant's truth judges at the end.
+Each cycle forks a daemon whose SQLite is listened to (`tests.power_loss.Recorder`), ends it beyond any cleaning up
+just before one of its syncs or at any other moment, puts a disk image in the journal's place that such a moment may
+leave, and cuts the plant's power too in some cycles. The next daemon goes on from that image; the plant's truth judges
+at the end.
 """
 
 from __future__ import annotations

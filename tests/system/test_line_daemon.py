@@ -42,12 +42,12 @@ Line = tuple[PlantProcess, Workplace]
 
 @pytest.fixture(scope="module")
 def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Line]:
-    with workplace(tmp_path_factory.mktemp("daemon"), rate=30.0, count=1) as here:
+    with workplace(tmp_path_factory.mktemp("daemon"), rate=40.0, count=1) as here:
         yield here
 
 
 def test_a_whole_job_over_tcp_is_printed_as_the_job_gives_it(line: Line) -> None:
-    plant, place = line[0], line[1].more(30)
+    plant, place = line[0], line[1].more(25)
     assert wait_for(place.fork(lambda _: None)) == STOPPED
     judged = judge(plant, place, check_pixels=40)
     assert not judged.wrong
@@ -62,7 +62,7 @@ def test_a_whole_job_over_rtu_is_printed_as_the_job_gives_it(line: Line) -> None
     try:
         assert wait_for(serial.fork(lambda _: None)) == STOPPED
     finally:
-        plant.do("rate", rate=30)
+        plant.do("rate", rate=40)
     judged = judge(plant, serial, check_pixels=10)
     assert not judged.wrong
     assert set(judged.faces) == {"passed"}
@@ -107,7 +107,7 @@ def test_a_daemon_ended_while_it_brings_the_line_up_moves_nothing(line: Line) ->
 
 
 def test_a_line_stopped_by_its_operator_brings_its_tiles_through_and_goes_on(line: Line) -> None:
-    plant, place = line[0], line[1].more(25)
+    plant, place = line[0], line[1].more(15)
 
     async def work() -> None:
         async with at_work(plant, place) as hand:
@@ -132,7 +132,7 @@ def test_a_line_stopped_by_its_operator_brings_its_tiles_through_and_goes_on(lin
 
 
 def test_orders_that_follow_each_other_at_once_lose_no_face(line: Line) -> None:
-    plant, place = line[0], line[1].more(25)
+    plant, place = line[0], line[1].more(15)
 
     async def work() -> None:
         async with at_work(plant, place) as hand:
@@ -177,7 +177,7 @@ def test_a_slow_disk_loses_no_face_and_trips_no_dead_man(line: Line) -> None:
     try:
         asyncio.run(work())
     finally:
-        plant.do("rate", rate=30)
+        plant.do("rate", rate=40)
     judged = judge(plant, place)
     assert not judged.wrong
 
@@ -198,7 +198,7 @@ def slow_down(hand: Hand, seconds: float) -> None:
 
 
 def test_a_daemon_that_is_frozen_stops_the_line_and_holds_when_it_comes_to(line: Line) -> None:
-    plant, place = line[0], line[1].more(20)
+    plant, place = line[0], line[1].more(15)
     log = place.line.path.parent / "frozen.log"
     before = plant.do("truth", summary=True)["summary"]["prints"]
     pid = place.fork(lambda _: None, log=log)
@@ -219,7 +219,7 @@ def test_a_daemon_that_is_frozen_stops_the_line_and_holds_when_it_comes_to(line:
 
 
 def test_a_printer_whose_journal_was_lost_prints_nothing_before_an_operator_knows(tmp_path: Path) -> None:
-    with workplace(tmp_path, rate=30.0, count=12) as (plant, place):
+    with workplace(tmp_path, rate=40.0, count=12) as (plant, place):
         assert wait_for(place.fork(kill_at("printed.committed", 6))) == -signal.SIGKILL
         for path in place.line.state_directory.glob("journal*"):
             path.unlink()
@@ -265,7 +265,7 @@ def test_a_changeover_brings_belt_and_kiln_to_the_next_recipe(tmp_path: Path) ->
     write_slab(tmp_path)
     small = write_job(tmp_path, name="small", count=8)
     large = write_job(tmp_path, name="large", count=6, seed=9, width=70, length=90, recipe="large")
-    with plant_process(tmp_path, rate=30.0) as plant:
+    with plant_process(tmp_path, rate=40.0) as plant:
         line_path = write_line(tmp_path, plant.endpoints, more=KILN.format(kiln=plant.endpoints["kiln"]))
         place = Workplace.open(small, line_path)
         job = line_job(plan_job(load_job(large)), place.line)
@@ -281,7 +281,7 @@ def test_a_changeover_brings_belt_and_kiln_to_the_next_recipe(tmp_path: Path) ->
                 assert kiln is not None
                 plant.do("rate", rate=1000)
                 await hand.until(lambda: kiln.status is not None and kiln.status.tiles_inside == 0)
-                plant.do("rate", rate=30)
+                plant.do("rate", rate=40)
                 await hand.until_state(LineState.RUNNING)
                 status = kiln.status
                 assert status is not None

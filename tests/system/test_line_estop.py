@@ -24,7 +24,7 @@ Here = tuple[PlantProcess, Workplace]
 
 @pytest.fixture(scope="module")
 def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Here]:
-    with workplace(tmp_path_factory.mktemp("estop"), rate=30.0, count=400) as here:
+    with workplace(tmp_path_factory.mktemp("estop"), rate=40.0, count=400) as here:
         yield here
 
 
@@ -111,7 +111,6 @@ def test_nothing_is_printed_or_moves_after_the_button_was_pressed(here: Here, st
             button.check()
 
             await hand.start()
-            await hand.until_prints(1)
 
     asyncio.run(work())
     assert not judge(plant, place, finished=False).wrong

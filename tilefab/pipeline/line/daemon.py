@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Awaitable, Callable, Coroutine, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Any
@@ -13,20 +13,13 @@ from typing import Any
 from tilefab.config.line import LineFile
 from tilefab.control import line_machine as machine
 from tilefab.control.feeding import Feeding, watch_feed
-from tilefab.control.ledger import ArmState, FaceQueue
 from tilefab.control.line_machine import Line, LineState
 from tilefab.devices import (
-    GaugeSession,
-    KilnSession,
-    PlcSession,
-    PlcStatus,
     PrinterDataLink,
     PrinterSession,
-    PrinterStatus,
 )
-from tilefab.errors import DeviceError, InterlockError, JournalError, TilefabError
-from tilefab.io.journal import ArmChange
-from tilefab.pipeline.line.book import INTENTS_AHEAD, FaceBook
+from tilefab.errors import InterlockError, JournalError, TilefabError
+from tilefab.pipeline.line.book import FaceBook
 from tilefab.pipeline.line.bring_up import PRINT_SPOILT, TILES_MOVED, BringUp
 from tilefab.pipeline.line.conveyor_loop import ConveyorLoop
 from tilefab.pipeline.line.device_link import DeviceLink
@@ -34,28 +27,22 @@ from tilefab.pipeline.line.gauge_loop import GaugeLoop
 from tilefab.pipeline.line.jobs import LineJob, check_printer, open_job, print_job
 from tilefab.pipeline.line.keeper import JournalKeeper
 from tilefab.pipeline.line.kiln_loop import KilnLoop
+from tilefab.pipeline.line.present_run import PresentRun
 from tilefab.pipeline.line.printer_loop import PrinterLoop
 from tilefab.pipeline.line.probe import Probe, nothing
 from tilefab.pipeline.line.source import FaceSource
 from tilefab.pipeline.line.streaming import Streamer
 from tilefab.pipeline.line.timing import Throughput
+from tilefab.pipeline.line.wires import Wires
 
-_PRINTER_PERIOD_S = 0.015
-_PLC_PERIOD_S = 0.04
-_KILN_PERIOD_S = 0.5
-_GAUGE_PERIOD_S = 0.5
 _WATCH_PERIOD_S = 0.1
-_TURN_S = 0.005
 _SESSIONS_SINCE_S = 1_767_225_600
 """2026-01-01, from which sessions are counted in seconds, if the journal that counted them was lost."""
 
-_RUNS_LOOKED_AT = 1000
 _NAMED = 12
 _LOADER_WAY_MM = 10_000
 """No loader is farther from its eye."""
 _SLOW_JOURNAL_S = 1.0
-_ANSWER_S = 5.0
-"""Longest wait for a device that was there a moment ago."""
 
 MOVED = frozenset(
     {
@@ -74,7 +61,6 @@ MOVED = frozenset(
 )
 """Reasons after which tiles may lie elsewhere than the counts say: hands reached onto the belt, or counts were lost."""
 
-Errand = Callable[[PrinterSession], Awaitable[None]]
 Log = Callable[..., None]
 
 
@@ -117,10 +103,9 @@ class LineDaemon:
         self.line_file = line_file
         self.line = Line(missing=frozenset(line_devices(line_file)))
         self.since = datetime.now(UTC)
-        self.jobs: deque[LineJob] = deque(jobs)
-        self.job: LineJob | None = None
-        self.source: FaceSource | None = None
         self.keeper = JournalKeeper(line_file.journal_url, settings.line.name, probe)
+        rows = settings.line.stream_strip_rows
+        self.work = PresentRun(self, self.keeper, jobs, open_source, rows, probe)
         self.printer = PrinterLoop(self, self.keeper, probe)
         self.conveyor = ConveyorLoop(self, self.keeper, probe)
         self.conveyor.edges = self.printer.edges
@@ -128,67 +113,36 @@ class LineDaemon:
         self.tiles_passed = self.tiles_diverted = 0
         self.stopping = asyncio.Event()
         self._log = log
-        self._book: FaceBook | None = None
         self._streamer: Streamer | None = None
-        self._probe, self._open_source = probe, open_source
+        self._probe = probe
         self._session = 0
         self._moved = self._spoilt = self._closed = False
-        self._filling: asyncio.Task[None] | None = None
         self._cancelling: asyncio.Task[None] | None = None
         self._watched = 0
         self._behind_told: int | None = None
         self._feeding = Feeding()
         self._tasks: set[asyncio.Task[Any]] = set()
         self._answering: asyncio.Task[machine.Event] | None = None
-        self._errands: deque[tuple[Errand, asyncio.Future[None]]] = deque()
-        self.plc_link = DeviceLink(
-            "plc",
-            lambda: PlcSession(settings.plc.endpoint),
-            cycle=self.conveyor.cycle,
-            period_s=_PLC_PERIOD_S,
-            lost=self._lost,
-            back=self._back,
-        )
-        self.printer_link = DeviceLink(
-            "printer",
-            lambda: PrinterSession(settings.printer.control, self._session),
-            begin=self.printer.greet,
-            cycle=self._printer_cycle,
-            period_s=_PRINTER_PERIOD_S,
-            lost=self._lost,
-            back=self._back,
-        )
         self.gauge = GaugeLoop(self.keeper)
-        self.gauge_link: DeviceLink[GaugeSession] | None = None
-        if settings.gauge is not None:
-            gauge_endpoint = settings.gauge.endpoint
-            self.gauge_link = DeviceLink(
-                "gauge",
-                lambda: GaugeSession(gauge_endpoint),
-                cycle=self.gauge.cycle,
-                period_s=_GAUGE_PERIOD_S,
-                lost=self._gauge_lost,
-                back=lambda _name: None,
-            )
         self.kiln: KilnLoop | None = None
-        self.kiln_link: DeviceLink[KilnSession] | None = None
         if settings.kiln is not None:
-            kiln_endpoint = settings.kiln.endpoint
             self.kiln = KilnLoop(self, settings.kiln.limits, settings.kiln.tolerance_degc)
-            self.kiln_link = DeviceLink(
-                "kiln",
-                lambda: KilnSession(kiln_endpoint),
-                cycle=self.kiln.cycle,
-                period_s=_KILN_PERIOD_S,
-                lost=self._lost,
-                back=self._back,
-            )
+        self.wires = Wires(
+            line_file,
+            self.printer,
+            self.conveyor,
+            self.kiln,
+            self.gauge,
+            session=lambda: self._session,
+            lost=self._lost,
+            back=self._back,
+            gauge_lost=self._gauge_lost,
+        )
 
     @property
     def links(self) -> tuple[DeviceLink[Any], ...]:
         """Links to all devices."""
-        others = (self.kiln_link, self.gauge_link)
-        return (self.plc_link, self.printer_link, *(link for link in others if link is not None))
+        return tuple(self.wires.all)
 
     @property
     def rounds(self) -> dict[str, int]:
@@ -224,13 +178,8 @@ class LineDaemon:
         if self.line.state in machine.ACTIVE:
             self.post(machine.OperatorHold())
         with suppress(TimeoutError):
-            async with asyncio.timeout(_ANSWER_S):
-                if self.plc_link.present:
-                    await self._turn(self.plc_link)
-                if self.printer_link.present:
-                    await self._turn(self.printer_link)
-        if self._book is not None:
-            await self._give_up_pool(self._book)
+            await self.wires.turn_present()
+        await self.work.give_up_pool()
 
     # What the loops of the devices may ask and tell: `LineHost`.
 
@@ -247,7 +196,17 @@ class LineDaemon:
     @property
     def book(self) -> FaceBook | None:
         """Faces of the present run."""
-        return self._book
+        return self.work.book
+
+    @property
+    def job(self) -> LineJob | None:
+        """The present job."""
+        return self.work.job
+
+    @property
+    def jobs(self) -> deque[LineJob]:
+        """The present job, and those that wait."""
+        return self.work.jobs
 
     @property
     def streamer(self) -> Streamer | None:
@@ -295,12 +254,11 @@ class LineDaemon:
 
     def faces_wanted(self) -> None:
         """More faces are to be put down."""
-        if self._filling is None and self._book is not None and len(self._book.pool) < INTENTS_AHEAD // 2:
-            self._filling = self._start(self._fill(self._book))
+        self.work.want_faces(lambda book: self._start(self.work.fill(book)))
 
     def releases_wanted(self) -> None:
         """Tiles are to be released as soon as can be."""
-        self.plc_link.hurry()
+        self.wires.plc.hurry()
 
     def tile_done(self, passed: bool) -> None:
         """A tile with a face was decided."""
@@ -326,20 +284,20 @@ class LineDaemon:
         match action:
             case machine.StopBelt():
                 self.conveyor.run_belt = self.conveyor.feed = False
-                self.plc_link.hurry()
+                self.wires.plc.hurry()
             case machine.HoldPrinter():
                 self.printer.hold()
-                self.printer_link.hurry()
+                self.wires.printer.hurry()
             case machine.RunBelt(feed):
                 self.conveyor.run_belt, self.conveyor.feed = True, feed
-                self.plc_link.hurry()
+                self.wires.plc.hurry()
             case machine.ClearPrinter():
                 self.printer.clear()
-                self.printer_link.hurry()
+                self.wires.printer.hurry()
             case machine.AckPlc():
                 self.conveyor.acknowledge()
                 self.printer.acknowledge()
-                self.plc_link.hurry()
+                self.wires.plc.hurry()
             case machine.CancelArms():
                 self._cancelling = self._start(self._cancel_arms())
             case machine.BeginChangeover():
@@ -401,72 +359,31 @@ class LineDaemon:
 
         task.add_done_callback(answer)
 
-    async def _use_journal(self) -> None:
-        """Open a journal that was lost anew; what comes next is read from it, as after a restart."""
-        if await self.keeper.reopen_if_lost() and (book := self._book) is not None:
-            states = await self.keeper.call(lambda journal: journal.face_states(book.run_id))
-            self._book = FaceBook(book.run_id, FaceQueue(states))
-
     async def _take_job(self) -> machine.Event:
         """Open the job that comes first in the queue, unless it is open."""
-        await self._use_journal()
-        if self._book is not None and self._book.done:
+        await self.work.use_journal()
+        if self.work.book is not None and self.work.book.done:
             await self._end_job()
-        await self._drop_finished()
-        if self._book is None:
-            if not self.jobs:
-                raise InterlockError("no job waits: queue one", device="line", code="changeover_failed")
-            job = self.jobs[0]
-            try:
-                source = await asyncio.to_thread(self._open_source, job, self.line_file.line.line.stream_strip_rows)
-                run_id = await self.keeper.start_run(job.run_facts(source))
-            except TilefabError as error:
-                # It can't be begun or gone on with as it is; those behind it must not wait for it.
-                self.jobs.popleft()
-                why = f"{error.message}; {job.plan.name} was taken out of the queue"
-                raise InterlockError(why, device="line", code="changeover_failed") from error
-            states = await self.keeper.call(lambda journal: journal.face_states(run_id))
-            self.job, self.source, self._book = job, source, FaceBook(run_id, FaceQueue(states))
-            self.tell("job", run_id=run_id, name=job.plan.name, faces=job.plan.job.tile.count)
+        if await self.work.take() and (job := self.work.job) is not None and (book := self.work.book) is not None:
+            self.tell("job", run_id=book.run_id, name=job.plan.name, faces=job.plan.job.tile.count)
         return machine.ChangeoverReady()
-
-    async def _drop_finished(self) -> None:
-        """Take jobs out of the queue that were printed before, as those that a restarted daemon is given again."""
-        runs = await self.keeper.call(lambda journal: journal.runs(last=_RUNS_LOOKED_AT))
-        finished = {run.facts.job_hash: run.facts.faces for run in runs if run.finished_at is not None}
-        while self._book is None and self.jobs:
-            job = self.jobs[0]
-            if job.plan.job.tile.count > finished.get(job.plan.job_hash, 0):
-                return
-            self.jobs.popleft()
-            self.warn(
-                "job_refused",
-                f"all faces of {job.plan.name} were printed: for more of them raise its count, for others change its "
-                "seed, for single ones order reprints",
-            )
 
     async def _end_job(self) -> None:
         """Put down that the job is done."""
-        book = self._book
-        if book is None:
-            return
         await self._close_streamer()
         await self._all_written()
-        await self.keeper.call(lambda journal: journal.finish_run(book.run_id))
-        self._probe("run.finished")
-        self._book = self.source = self.job = None
-        self.jobs.popleft()
+        await self.work.end()
 
     async def _check_devices(self) -> machine.Event:
         """See that the kiln is at the recipe, however long that takes, and that nothing stands in the way."""
-        await self._use_journal()
+        await self.work.use_journal()
         if self.kiln is not None and self.job is not None:
             self.kiln.bring_to(self.job.kiln)
             if not self.kiln.at_recipe:
                 self.tell("note", text="waiting for the kiln to be at the job's recipe")
             while not self.kiln.at_recipe:
                 await asyncio.sleep(_WATCH_PERIOD_S)
-        plc, printer = (await self._read())[::-1]
+        printer, plc = await self.wires.read()
         standing = {
             "emergency stop": plc.e_stop or printer.e_stop,
             "jam": plc.jam,
@@ -484,24 +401,24 @@ class LineDaemon:
 
     async def _settle(self) -> machine.Event:
         """Find out what became of every face, and where every tile is."""
-        book, source, job = self._book, self.source, self.job
+        book, source, job = self.work.book, self.work.source, self.work.job
         if book is None or source is None or job is None:
             raise InterlockError("no job is open", device="line")
         # From here on only this task settles faces: the loops know of no tile.
         self.printer.calibration = self.conveyor.calibration = None
         await self._close_streamer()
-        await self._read()
+        await self.wires.read()
         await self._all_written()
         self._session = await self._new_session()
-        self.printer_link.renew()
-        await self._read()
+        self.wires.printer.renew()
+        await self.wires.read()
         identity = self.printer.identity
         if identity is None:
             raise InterlockError("the printer didn't introduce itself", device="printer")
         check_printer(source, identity)
         await self._skip_arms()
         self.conveyor.counts_per_mm = identity.counts_per_mm
-        bring_up = BringUp(self.keeper, self._read, self._ask_printer, source.checksum, self._probe)
+        bring_up = BringUp(self.keeper, self.wires.read, self.wires.ask_printer, source.checksum, self._probe)
         moved, self._moved = self._moved, False
         spoilt, self._spoilt = self._spoilt, False
         try:
@@ -517,7 +434,7 @@ class LineDaemon:
         self.conveyor.settings = job.belt
         self.printer.begin_at(found.calibration, print_job(job, source, identity))
         self.conveyor.begin_at(found.calibration)
-        await self._fill(book)
+        await self.work.fill(book)
         if not found.in_doubt:
             return machine.Reconciled()
         named = ", ".join(map(str, found.in_doubt[:_NAMED])) + (", ..." if len(found.in_doubt) > _NAMED else "")
@@ -527,7 +444,7 @@ class LineDaemon:
 
     async def _cancel_arms(self) -> None:
         """Take back what the printer hasn't begun; the next start finds out what became of it."""
-        book = self._book
+        book = self.work.book
         if book is None:
             return
         arms = [arm.intent.arm_id for arm in book.armed]
@@ -536,16 +453,16 @@ class LineDaemon:
             for arm_id in arms:
                 await session.disarm(arm_id)
 
-        if arms and self.printer_link.present:
+        if arms and self.wires.printer.present:
             with suppress(TilefabError, TimeoutError):
-                await self._ask_printer(disarm)
-        await self._give_up_pool(book)
+                await self.wires.ask_printer(disarm)
+        await self.work.give_up_pool()
 
     async def _all_written(self) -> None:
         """Wait until the journal has all that was begun."""
-        begun = [task for task in (self._filling, self._cancelling) if task is not None]
-        if begun:
-            await asyncio.wait(begun)
+        await self.work.filled()
+        if self._cancelling is not None:
+            await asyncio.wait([self._cancelling])
         await self.printer.written()
         await self.conveyor.written()
 
@@ -574,47 +491,6 @@ class LineDaemon:
 
     # Devices.
 
-    async def _turn(self, link: DeviceLink[Any]) -> None:
-        """Wait until a link has been through a whole cycle that began after now."""
-        wanted = link.turns + 2
-        link.hurry()
-        while link.turns < wanted:
-            await asyncio.sleep(_TURN_S)
-            link.hurry()
-
-    async def _read(self) -> tuple[PrinterStatus, PlcStatus]:
-        async with asyncio.timeout(_ANSWER_S):
-            await self._turn(self.printer_link)
-            await self._turn(self.plc_link)
-        if self.printer.status is None or self.conveyor.status is None:
-            raise InterlockError("conveyor or printer haven't answered yet", device="line")
-        return self.printer.status, self.conveyor.status
-
-    async def _ask_printer(self, errand: Errand) -> None:
-        """Do something with the printer's session in between its cycles."""
-        done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        self._errands.append((errand, done))
-        self.printer_link.hurry()
-        async with asyncio.timeout(_ANSWER_S):
-            await done
-
-    async def _printer_cycle(self, session: PrinterSession) -> None:
-        while self._errands:
-            errand, done = self._errands.popleft()
-            if done.done():
-                continue
-            try:
-                await errand(session)
-            except TilefabError as error:
-                if not done.done():
-                    done.set_exception(error)
-                if isinstance(error, DeviceError) and not isinstance(error, InterlockError):
-                    raise
-            else:
-                if not done.done():
-                    done.set_result(None)
-        await self.printer.cycle(session)
-
     def _lost(self, name: str, reason: str) -> None:
         self.post(machine.DeviceLost(name, reason))
 
@@ -642,33 +518,6 @@ class LineDaemon:
         if streamer is not None:
             await asyncio.to_thread(streamer.close)
 
-    # Faces.
-
-    async def _fill(self, book: FaceBook) -> None:
-        """Put down the next faces, so that tiles never wait for a disk."""
-        try:
-            while len(book.pool) < INTENTS_AHEAD and (faces := book.queue.take(INTENTS_AHEAD - len(book.pool))):
-                book.coming = len(faces)
-                book.pool.extend(await self.keeper.intend(book.run_id, faces))
-                book.coming = 0
-        except JournalError as error:
-            # Faces that were taken come back when the line is brought up.
-            self.fault("journal", error.message)
-        finally:
-            self._filling = None
-        if self._streamer is not None:
-            self._streamer.expect([intent.face for intent in book.pool])
-
-    async def _give_up_pool(self, book: FaceBook) -> None:
-        """Say of faces that no tile came for that they weren't printed."""
-        intents = list(book.pool)
-        book.pool.clear()
-        changes = [ArmChange(intent.arm_id, ArmState.UNPRINTED, reason="no tile came for it") for intent in intents]
-        with suppress(JournalError):
-            await self.keeper.mark(changes, "reconcile")
-            for intent in intents:
-                book.queue.give_back(intent.face, intent.attempt, ArmState.UNPRINTED)
-
     # Watching.
 
     async def _watch(self) -> None:
@@ -678,11 +527,11 @@ class LineDaemon:
             self._watched += 1
             if self.moving and self.keeper.waiting_s > _SLOW_JOURNAL_S:
                 self.doubt("journal_slow", "the journal has been waited for too long: tiles couldn't be released")
-            book = self._book
+            book = self.work.book
             if book is None:
                 continue
-            if self._streamer is not None and self.may_print:
-                self._streamer.expect([intent.face for intent in book.pool])
+            if self.may_print:
+                self.work.expect(book)
             if self.line.state is LineState.RUNNING:
                 self._feed(book)
                 self.faces_wanted()
@@ -712,7 +561,7 @@ class LineDaemon:
     async def _drained(self, book: FaceBook) -> None:
         done = book.done
         try:
-            await (self._end_job() if done else self._give_up_pool(book))
+            await (self._end_job() if done else self.work.give_up_pool())
         except JournalError as error:
             self.fault("journal", error.message)
         else:

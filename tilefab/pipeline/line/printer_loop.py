@@ -187,6 +187,9 @@ class PrinterLoop:
 
     def _look_at(self, before: PrinterStatus | None, status: PrinterStatus) -> None:
         host = self._host
+        if before is not None and before.boot_id != status.boot_id:
+            # Faults are counted anew: the same number is another fault.
+            self._acked = None
         if before is None or before.e_stop != status.e_stop:
             host.e_stop("printer", status.e_stop)
         for code in ("ink_out", "nozzle_out"):
