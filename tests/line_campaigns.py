@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from tests.line_workshop import (
     STOPPED,
@@ -72,7 +73,7 @@ class Kills:
 
 @contextlib.contextmanager
 def workplace(
-    folder: Path, *, rate: float = 20.0, rtu: bool = False, speed: float = 200.0, **job: object
+    folder: Path, *, rate: float = 20.0, rtu: bool = False, speed: float = 200.0, **job: Any
 ) -> Iterator[tuple[PlantProcess, Workplace]]:
     """A plant and a line with one job."""
     folder.mkdir(exist_ok=True)
