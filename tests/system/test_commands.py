@@ -222,7 +222,7 @@ def test_a_check_prints_the_resolved_job(workshop: Any) -> None:
     facts = done.json
     assert facts["valid"] is True
     assert set(facts) == {
-        *("valid", "schema_version", "job", "slab", "texture", "tile", "colour", "output", "report", "hashes"),
+        *("valid", "schema_version", "job", "slab", "texture", "tile", "colour", "output", "report", "line", "hashes"),
     }
     assert facts["slab"]["scans"] == [str(workshop.folder / "slab.tif")]
     assert facts["slab"]["dpi"] == [60.0]

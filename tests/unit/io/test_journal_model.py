@@ -73,10 +73,17 @@ class JournalModel(RuleBasedStateMachine):
 
     @rule(job=st.sampled_from(JOBS))
     def start(self, job: str) -> None:
-        run = self.journal.start_run(facts(job))
-        known = [number for number, name in self.runs.items() if name == job and number not in self.finished]
+        known = [number for number, name in self.runs.items() if name == job]
+        over = bool(self.finished & set(known)) and not any(self.wanted(known[0], face) for face in range(FACES))
+        try:
+            run = self.journal.start_run(facts(job))
+        except JournalError:
+            assert over
+            return
+        assert not over
         assert [run] == known if known else run not in self.runs
         self.runs[run] = job
+        self.finished.discard(run)
 
     @rule(data=st.data(), many=st.integers(1, 4))
     def intend_from_the_queue(self, data: st.DataObject, many: int) -> None:
@@ -138,7 +145,6 @@ class JournalModel(RuleBasedStateMachine):
             return
         attempts = self.attempts(run, face)
         right = bool(attempts) and attempts[-1].state in FINAL - {ArmState.UNPRINTED}
-        right = right and ((run, face) in self.orders or self.may_reopen(run))
         try:
             attempt = self.journal.order_reprint(run, face)
         except JournalError:
@@ -157,7 +163,6 @@ class JournalModel(RuleBasedStateMachine):
             return
         attempts = self.attempts(run, face)
         right = bool(attempts) and attempts[-1].state is ArmState.IN_DOUBT and state.value in SETTLED
-        right = right and (state is not ArmState.UNPRINTED or self.may_reopen(run))
         try:
             record = self.journal.settle(run, face, state)
         except JournalError:
@@ -245,13 +250,6 @@ class JournalModel(RuleBasedStateMachine):
 
     def some_run(self, data: st.DataObject) -> int | None:
         return data.draw(st.sampled_from(sorted(self.runs))) if self.runs else None
-
-    def may_reopen(self, run: int) -> bool:
-        """Whether no newer run of the same job is under way."""
-        job = self.runs[run]
-        return run not in self.finished or not any(
-            name == job and number not in self.finished for number, name in self.runs.items()
-        )
 
 
 JournalModel.TestCase.settings = settings(max_examples=40, stateful_step_count=30, deadline=None)
