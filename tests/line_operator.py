@@ -131,7 +131,8 @@ class Operator:
         if daemon.line.state in machine.RESTING:
             if time.monotonic() - self._changed_s < chance.uniform(*_PATIENCE_S):
                 return
-            if daemon.line.unacked:
+            if daemon.line.unacked or daemon.line.state in (LineState.E_STOPPED, LineState.FAULTED):
+                # Also what was acknowledged before: a stop that was acknowledged with its button still in stands on.
                 await self._say("ack", up_to=daemon.line.raised)
             order = "resume" if daemon.line.state is LineState.HOLDING else "start"
             if (daemon.jobs or order == "resume") and not machine.refusal(

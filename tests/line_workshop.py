@@ -72,6 +72,7 @@ LINE = """\
 name = "workshop"
 state_directory = "state"
 stream_strip_rows = 16
+run_out_mm = {run_out}
 [plc]
 endpoint = "{plc}"
 [printer]
@@ -116,13 +117,19 @@ def write_job(folder: Path, *, name: str = "job", **changes: Any) -> Path:
 
 
 def write_line(
-    folder: Path, endpoints: Mapping[str, str], *, rtu: bool = False, speed: float = 200.0, more: str = ""
+    folder: Path,
+    endpoints: Mapping[str, str],
+    *,
+    rtu: bool = False,
+    speed: float = 200.0,
+    run_out_mm: float = 0.0,
+    more: str = "",
 ) -> Path:
-    """Write the line's file for a plant."""
+    """Write the line's file for a plant; without a run-out the last tiles stay on the belt before the kiln."""
     path = folder / "line.toml"
     plc = endpoints["plc_rtu" if rtu else "plc_tcp"]
     names = {name: endpoints[name] for name in ("printer_control", "printer_data")}
-    path.write_text(LINE.format(plc=plc, speed=speed, more=more, **names))
+    path.write_text(LINE.format(plc=plc, speed=speed, run_out=run_out_mm, more=more, **names))
     return path
 
 

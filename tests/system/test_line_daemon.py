@@ -266,7 +266,8 @@ def test_a_changeover_brings_belt_and_kiln_to_the_next_recipe(tmp_path: Path) ->
     small = write_job(tmp_path, name="small", count=8)
     large = write_job(tmp_path, name="large", count=6, seed=9, width=70, length=90, recipe="large")
     with plant_process(tmp_path, rate=40.0) as plant:
-        line_path = write_line(tmp_path, plant.endpoints, more=KILN.format(kiln=plant.endpoints["kiln"]))
+        more = KILN.format(kiln=plant.endpoints["kiln"])
+        line_path = write_line(tmp_path, plant.endpoints, run_out_mm=3200.0, more=more)
         place = Workplace.open(small, line_path)
         job = line_job(plan_job(load_job(large)), place.line)
         source = open_source(job.plan, Silent(), 16)
@@ -276,6 +277,10 @@ def test_a_changeover_brings_belt_and_kiln_to_the_next_recipe(tmp_path: Path) ->
                 await hand.start()
                 await hand.until(lambda: len(hand.daemon.jobs) == 1)
                 await hand.until_state(LineState.ARMING)
+                # None waits before the kiln, to come under the next recipe. "passed" is the fate of one on its way.
+                fates = [tile["fate"] for tile in plant.do("truth")["tiles"] if tile["prints"]]
+                assert len(fates) == 8
+                assert "passed" not in fates
                 # The last tiles keep the firing that they came in for: an hour of the plant's.
                 kiln = hand.daemon.kiln
                 assert kiln is not None

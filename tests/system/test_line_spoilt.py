@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -29,17 +31,22 @@ def _spoilt_tiles(plant: PlantProcess, key: str) -> list[dict[str, object]]:
     return [tile for tile in tiles if any(made[key] for made in tile["prints"])]
 
 
+def _wait(seen: Callable[[], object]) -> None:
+    deadline = time.monotonic() + 30
+    while not seen():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
 @pytest.mark.parametrize("killed", [False, True])
 def test_a_face_printed_with_a_failed_nozzle_is_scrapped(tmp_path: Path, killed: bool) -> None:
     write_slab(tmp_path)
     with plant_process(tmp_path, rate=2) as plant:
         place = Workplace.open(write_job(tmp_path, count=6), write_line(tmp_path, plant.endpoints, speed=300.0))
         begun = place.fork(lambda _step: None)
-        while not plant.do("state")["printer"]["printing"]:
-            pass
+        _wait(lambda: plant.do("state")["printer"]["printing"])
         plant.fault("printer", "nozzle_out")
-        while plant.do("state")["plc"]["belt_running"] and plant.do("state")["speed_mm_s"]:
-            pass
+        _wait(lambda: not plant.do("state")["speed_mm_s"])
         if killed:
             os.kill(begun, signal.SIGKILL)
             assert wait_for(begun) == -signal.SIGKILL

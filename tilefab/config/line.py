@@ -38,6 +38,13 @@ class LineFacts(Section):
         min_length=1,
         description="Folder of journal, token, socket and log; relative to this file. Of this line alone.",
     )
+    run_out_mm: float = Field(
+        4000.0,
+        ge=0,
+        le=100_000,
+        description="How far the belt runs on once the last tile has passed the diverter, before it stops or a job is "
+        "changed: a little more than the way from diverter to kiln.",
+    )
     stream_strip_rows: int = Field(
         64, ge=1, le=4096, description="Rows of a face that are rendered and sent to the printer at a time."
     )

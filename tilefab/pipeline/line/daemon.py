@@ -14,17 +14,13 @@ from tilefab.config.line import LineFile
 from tilefab.control import line_machine as machine
 from tilefab.control.feeding import Feeding, watch_feed
 from tilefab.control.line_machine import Line, LineState
-from tilefab.devices import (
-    PrinterDataLink,
-    PrinterSession,
-)
 from tilefab.errors import InterlockError, JournalError, TilefabError
+from tilefab.pipeline.line.arming import Arming
 from tilefab.pipeline.line.book import FaceBook
-from tilefab.pipeline.line.bring_up import PRINT_SPOILT, TILES_MOVED, BringUp
 from tilefab.pipeline.line.conveyor_loop import ConveyorLoop
 from tilefab.pipeline.line.device_link import DeviceLink
 from tilefab.pipeline.line.gauge_loop import GaugeLoop
-from tilefab.pipeline.line.jobs import LineJob, check_printer, open_job, print_job
+from tilefab.pipeline.line.jobs import LineJob, open_job
 from tilefab.pipeline.line.keeper import JournalKeeper
 from tilefab.pipeline.line.kiln_loop import KilnLoop
 from tilefab.pipeline.line.present_run import PresentRun
@@ -36,10 +32,6 @@ from tilefab.pipeline.line.timing import Throughput
 from tilefab.pipeline.line.wires import Wires
 
 _WATCH_PERIOD_S = 0.1
-_SESSIONS_SINCE_S = 1_767_225_600
-"""2026-01-01, from which sessions are counted in seconds, if the journal that counted them was lost."""
-
-_NAMED = 12
 _LOADER_WAY_MM = 10_000
 """No loader is farther from its eye."""
 _SLOW_JOURNAL_S = 1.0
@@ -113,27 +105,28 @@ class LineDaemon:
         self.tiles_passed = self.tiles_diverted = 0
         self.stopping = asyncio.Event()
         self._log = log
-        self._streamer: Streamer | None = None
-        self._probe = probe
-        self._session = 0
-        self._moved = self._spoilt = self._closed = False
+        self._closed = False
         self._cancelling: asyncio.Task[None] | None = None
         self._watched = 0
-        self._behind_told: int | None = None
         self._feeding = Feeding()
+        self._drained_at: int | None = None
         self._tasks: set[asyncio.Task[Any]] = set()
         self._answering: asyncio.Task[machine.Event] | None = None
         self.gauge = GaugeLoop(self.keeper)
         self.kiln: KilnLoop | None = None
         if settings.kiln is not None:
             self.kiln = KilnLoop(self, settings.kiln.limits, settings.kiln.tolerance_degc)
+        data_endpoint = settings.printer.data
+        self.arming = Arming(
+            self, self.keeper, self.work, self.printer, self.conveyor, self.kiln, data_endpoint, self.tell, probe
+        )
         self.wires = Wires(
             line_file,
             self.printer,
             self.conveyor,
             self.kiln,
             self.gauge,
-            session=lambda: self._session,
+            session=lambda: self.arming.session,
             lost=self._lost,
             back=self._back,
             gauge_lost=self._gauge_lost,
@@ -153,7 +146,7 @@ class LineDaemon:
         """Work until `stopping` is set; then stop the belt, hold the printer, and close everything."""
         if not self.keeper.is_open:
             await self.keeper.open()
-        self._session = await self._new_session()
+        await self.arming.begin_session()
         loops = [self._watch(), *(link.run() for link in self.links)]
         running = [asyncio.create_task(loop) for loop in loops]
         try:
@@ -167,7 +160,7 @@ class LineDaemon:
             for task in (*running, *self._tasks):
                 task.cancel()
             await asyncio.gather(*running, *self._tasks, return_exceptions=True)
-            await self._close_streamer()
+            await self.arming.close_streamer()
             await self.printer.written()
             await self.conveyor.written()
             self._closed = True
@@ -211,7 +204,7 @@ class LineDaemon:
     @property
     def streamer(self) -> Streamer | None:
         """Where faces are sent from."""
-        return self._streamer
+        return self.arming.streamer
 
     def e_stop(self, device: str, pressed: bool) -> None:
         """An emergency stop was pressed or let go."""
@@ -221,20 +214,16 @@ class LineDaemon:
 
     def tiles_moved(self, code: str) -> None:
         """Tiles may lie elsewhere than the counts say."""
-        if not self._moved:
-            self._moved = True
-            self.tell(TILES_MOVED, code=code)
+        self.arming.tiles_moved(code)
 
     @property
     def spoilt(self) -> bool:
         """Whether ink or a nozzle failed since the line was brought up."""
-        return self._spoilt
+        return self.arming.spoilt
 
     def print_spoilt(self, code: str) -> None:
         """Ink or a nozzle failed: what is under the head may lack ink."""
-        if not self._spoilt:
-            self._spoilt = True
-            self.tell(PRINT_SPOILT, code=code)
+        self.arming.print_spoilt(code)
 
     def doubt(self, code: str, reason: str) -> None:
         """Something isn't as it must be."""
@@ -299,13 +288,16 @@ class LineDaemon:
                 self.printer.acknowledge()
                 self.wires.plc.hurry()
             case machine.CancelArms():
-                self._cancelling = self._start(self._cancel_arms())
+                self._cancelling = self._start(self.arming.cancel(self.wires))
             case machine.BeginChangeover():
                 self._answer(self._take_job(), lambda why, code: machine.ChangeoverReady(False, why, code))
             case machine.CheckDevices():
                 self._answer(self._check_devices(), lambda why, code: machine.DevicesReady(False, why, code))
             case machine.Reconcile():
-                self._answer(self._settle(), lambda why, code: machine.Reconciled(False, reason=why, code=code))
+                self._answer(
+                    self.arming.settle(self.wires, self._all_written),
+                    lambda why, code: machine.Reconciled(False, reason=why, code=code),
+                )
             case machine.RaiseAlarm(code, text, number):
                 self.tell("alarm", number=number, code=code, text=text)
             case machine.ClearAlarms():
@@ -370,93 +362,13 @@ class LineDaemon:
 
     async def _end_job(self) -> None:
         """Put down that the job is done."""
-        await self._close_streamer()
+        await self.arming.close_streamer()
         await self._all_written()
         await self.work.end()
 
     async def _check_devices(self) -> machine.Event:
-        """See that the kiln is at the recipe, however long that takes, and that nothing stands in the way."""
         await self.work.use_journal()
-        if self.kiln is not None and self.job is not None:
-            self.kiln.bring_to(self.job.kiln)
-            if not self.kiln.at_recipe:
-                self.tell("note", text="waiting for the kiln to be at the job's recipe")
-            while not self.kiln.at_recipe:
-                await asyncio.sleep(_WATCH_PERIOD_S)
-        printer, plc = await self.wires.read()
-        standing = {
-            "emergency stop": plc.e_stop or printer.e_stop,
-            "jam": plc.jam,
-            "double feed": plc.double_feed,
-            "diverter fault": plc.diverter_fault,
-            "no ink": printer.ink_out,
-            "failed nozzle": printer.nozzle_out,
-            "releases of an earlier life of the conveyor's controller: restart it": plc.boot_id
-            == self.conveyor.spoilt_boot,
-        }
-        found = [what for what, stands in standing.items() if stands]
-        if found:
-            raise InterlockError(f"still reported: {', '.join(found)}; put it right and acknowledge", device="line")
-        return machine.DevicesReady()
-
-    async def _settle(self) -> machine.Event:
-        """Find out what became of every face, and where every tile is."""
-        book, source, job = self.work.book, self.work.source, self.work.job
-        if book is None or source is None or job is None:
-            raise InterlockError("no job is open", device="line")
-        # From here on only this task settles faces: the loops know of no tile.
-        self.printer.calibration = self.conveyor.calibration = None
-        await self._close_streamer()
-        await self.wires.read()
-        await self._all_written()
-        self._session = await self._new_session()
-        self.wires.printer.renew()
-        await self.wires.read()
-        identity = self.printer.identity
-        if identity is None:
-            raise InterlockError("the printer didn't introduce itself", device="printer")
-        check_printer(source, identity)
-        await self._skip_arms()
-        self.conveyor.counts_per_mm = identity.counts_per_mm
-        bring_up = BringUp(self.keeper, self.wires.read, self.wires.ask_printer, source.checksum, self._probe)
-        moved, self._moved = self._moved, False
-        spoilt, self._spoilt = self._spoilt, False
-        try:
-            found = await bring_up.settle(book, moved=moved, spoilt=spoilt, counts_per_mm=identity.counts_per_mm)
-        except BaseException:
-            self._moved |= moved
-            self._spoilt |= spoilt
-            raise
-        book.coming = 0
-        self._streamer = self._new_streamer(source)
-        for arm_id, face in found.streaming:
-            self._streamer.submit(arm_id, face)
-        self.conveyor.settings = job.belt
-        self.printer.begin_at(found.calibration, print_job(job, source, identity))
-        self.conveyor.begin_at(found.calibration)
-        await self.work.fill(book)
-        if not found.in_doubt:
-            return machine.Reconciled()
-        named = ", ".join(map(str, found.in_doubt[:_NAMED])) + (", ..." if len(found.in_doubt) > _NAMED else "")
-        return machine.Reconciled(
-            doubt=len(found.in_doubt), reason=f"nobody can tell what became of {len(found.in_doubt)} faces: {named}"
-        )
-
-    async def _cancel_arms(self) -> None:
-        """Take back what the printer hasn't begun; the next start finds out what became of it."""
-        book = self.work.book
-        if book is None:
-            return
-        arms = [arm.intent.arm_id for arm in book.armed]
-
-        async def disarm(session: PrinterSession) -> None:
-            for arm_id in arms:
-                await session.disarm(arm_id)
-
-        if arms and self.wires.printer.present:
-            with suppress(TilefabError, TimeoutError):
-                await self.wires.ask_printer(disarm)
-        await self.work.give_up_pool()
+        return await self.arming.check(self.wires)
 
     async def _all_written(self) -> None:
         """Wait until the journal has all that was begun."""
@@ -465,29 +377,6 @@ class LineDaemon:
             await asyncio.wait([self._cancelling])
         await self.printer.written()
         await self.conveyor.written()
-
-    async def _new_session(self) -> int:
-        """A session above every earlier one, even if the journal that counted them was lost."""
-        floor = max(0, int(time.time()) - _SESSIONS_SINCE_S)
-        return await self.keeper.begin_session(above=floor)
-
-    async def _skip_arms(self) -> None:
-        """Let arms begin above those that the printer remembers, if they come from a journal that was lost."""
-        status = self.printer.status
-        last = await self.keeper.call(lambda journal: journal.last_arm())
-        if status is not None and status.last_accepted_arm > last:
-            accepted = status.last_accepted_arm
-            if self._behind_told == accepted:
-                # Somebody has acknowledged it since, and said resume.
-                await self.keeper.call(lambda journal: journal.skip_arms(accepted))
-                return
-            self._behind_told = accepted
-            raise InterlockError(
-                f"the printer remembers arm {accepted}, the journal none above {last}: faces that were printed "
-                "meanwhile come again once you resume",
-                device="printer",
-                code="journal_behind",
-            )
 
     # Devices.
 
@@ -500,23 +389,6 @@ class LineDaemon:
 
     def _back(self, name: str) -> None:
         self.post(machine.DeviceBack(name))
-
-    def _new_streamer(self, source: FaceSource) -> Streamer:
-        loop, session = asyncio.get_running_loop(), self._session
-
-        def trouble(error: TilefabError) -> None:
-            with suppress(RuntimeError):  # the loop may have ended meanwhile
-                loop.call_soon_threadsafe(self.doubt, "streaming", error.message)
-
-        def link() -> PrinterDataLink:
-            return PrinterDataLink(self.line_file.line.printer.data, session)
-
-        return Streamer(source, link, trouble, probe=self._probe)
-
-    async def _close_streamer(self) -> None:
-        streamer, self._streamer = self._streamer, None
-        if streamer is not None:
-            await asyncio.to_thread(streamer.close)
 
     # Watching.
 
@@ -537,7 +409,9 @@ class LineDaemon:
                 self.faces_wanted()
                 if book.faces_to_go == 0 and not book.armed:
                     self.post(machine.JobDone())
-            elif self.line.state is LineState.DRAINING and not book.active:
+            if self.line.state is not LineState.DRAINING or book.active:
+                self._drained_at = None
+            elif self._ran_out():
                 await self._drained(book)
 
     def _feed(self, book: FaceBook) -> None:
@@ -557,6 +431,16 @@ class LineDaemon:
         if now.overdue and not before.overdue and self.conveyor.feed:
             self.warn("no_tiles", "the belt runs, but no tile comes to the eye")
         self.conveyor.feed = book.faces_to_go > now.coming
+
+    def _ran_out(self) -> bool:
+        """Whether the belt has brought the last tiles to the kiln, where a change of its recipe waits for them."""
+        status = self.conveyor.status
+        if status is None:
+            return False
+        if self._drained_at is None:
+            self._drained_at = status.position_counts
+        way_counts = self.line_file.line.line.run_out_mm * self.conveyor.counts_per_mm
+        return (status.position_counts - self._drained_at) % (1 << 32) >= way_counts
 
     async def _drained(self, book: FaceBook) -> None:
         done = book.done

@@ -209,12 +209,14 @@ class Desk:
         ]
 
     async def _look(self) -> None:
-        book = self._attended().book
+        daemon = self._attended()
+        if (book := daemon.book) is not None:
+            # The journal that writes keeps these counts; one that only reads would count a whole run each time.
+            counts = await daemon.keeper.call(lambda journal: journal.counts(book.run_id))
+            self._counts = {state.value: count for state, count in counts.items()}
 
         def read(journal: Journal) -> None:
-            counts = journal.counts(book.run_id) if book is not None else {}
             doubts = journal.arms(states=[ArmState.IN_DOUBT])
-            self._counts = {state.value: count for state, count in counts.items()}
             self._last = tuple(_face(record) for record in reversed(journal.arms(states=_TOLD, last=_LAST_FACES)))
             self._in_doubt = len(doubts)
             self._doubts = tuple(DoubtView(record.run_id, record.face) for record in doubts[:_DOUBTS_NAMED])

@@ -390,6 +390,7 @@ class PrinterLoop:
                 host.doubt(
                     "printer_confused", f"the printer tells that it printed arm {arm_id}, which wasn't sent whole"
                 )
+                return self._end(book, arm, ArmState.PARTIAL, outcome, "told of as printed, but wasn't sent whole")
             self._unsummed.pop(arm_id, None)
             if wanted != outcome.data_crc32:
                 host.doubt("wrong_data", f"face {face} was printed from other data than was sent; its tile is scrapped")

@@ -185,7 +185,9 @@ class Streamer:
             try:
                 self._send_rest(task, planned)
             except DeviceRefused:
-                # The printer has done with this arm: missed, cancelled, or its print ended early. Its outcome tells.
+                # The printer has done with this arm: its outcome tells how. It may have had the whole face before it
+                # was asked, so that the checksum is still wanted.
+                self._sum_up(task, planned)
                 return
             except DeviceError:
                 self._drop_link()
@@ -212,11 +214,24 @@ class Streamer:
                 data = strip.pixels[had:].data.cast("B")
                 link.send_strip(task.arm_id, strip.first + had, rows - had, data, timeout_s=_CREDIT_TIMEOUT_S)
                 self._probe("strip.sent")
+        self._finish(task, crc)
+        self._probe("face.sent")
+
+    def _sum_up(self, task: _Task, planned: PlannedFace) -> None:
+        """Find the checksum of a face of which nothing more is to be sent."""
+        begin = max(task.checksums)
+        crc = task.checksums[begin]
+        for strip in self._source.strips(planned, begin):
+            if self._is_stopping(task):
+                return
+            crc = zlib.crc32(strip.pixels.data.cast("B"), crc)
+        self._finish(task, crc)
+
+    def _finish(self, task: _Task, crc: int) -> None:
         with self._wake:
-            self._finished[task.arm_id] = task.checksums[self._source.size.rows]
+            self._finished[task.arm_id] = crc
             while len(self._finished) > _KEPT_CHECKSUMS:
                 self._finished.popitem(last=False)
-        self._probe("face.sent")
 
     def _is_stopping(self, task: _Task) -> bool:
         with self._wake:
