@@ -1,6 +1,7 @@
 """The devices of the line, as the host sees them: what is asked and told on their wires, and nothing of what for."""
 
 from tilefab.devices.backoff import Backoff
+from tilefab.devices.crc import joined_crc32
 from tilefab.devices.endpoints import parse_endpoint
 from tilefab.devices.gauge import GaugeReading, GaugeSession
 from tilefab.devices.kiln import KilnCommand, KilnSession, KilnStatus
@@ -38,5 +39,6 @@ __all__ = [
     "PrinterIdentity",
     "PrinterSession",
     "PrinterStatus",
+    "joined_crc32",
     "parse_endpoint",
 ]

@@ -127,8 +127,8 @@ class PrinterDataLink:
         while not self._take_messages(peer, newer_session=True):
             self._wait(peer, select.POLLIN, deadline, "didn't answer in time")
 
-    def send_strip(self, arm_id: int, row: int, rows: int, data: memoryview, *, timeout_s: float) -> None:
-        """Send a strip once there is room for it.
+    def send_strip(self, arm_id: int, row: int, rows: int, data: memoryview, *, timeout_s: float) -> int:
+        """Send a strip once there is room for it; its CRC-32.
 
         Parameters
         ----------
@@ -150,7 +150,8 @@ class PrinterDataLink:
         DeviceProtocolError
             If a strip wasn't taken, or what the printer sends makes no sense.
         """
-        fields = {"arm_id": arm_id, "row": row, "rows": rows, "nbytes": data.nbytes, "crc32": zlib.crc32(data)}
+        crc = zlib.crc32(data)
+        fields = {"arm_id": arm_id, "row": row, "rows": rows, "nbytes": data.nbytes, "crc32": crc}
         head = messages.STRIP_MAGIC + messages.STRIP.pack(fields)
         deadline = time.monotonic() + timeout_s
         with self._call() as peer:
@@ -162,6 +163,7 @@ class PrinterDataLink:
                 self._check_refused(arm_id)
             self._sent.append(_Sent(arm_id, row + rows, data.nbytes))
             self._transmit(peer, head, data)
+        return crc
 
     def next_row(self, arm_id: int) -> int:
         """Row of an arm that the printer wants next, once it has answered all strips of it.

@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from tilefab.devices import joined_crc32
 from tilefab.errors import DeviceError, DeviceRefused, TilefabError
 from tilefab.pipeline.faces import PlannedFace
 from tilefab.pipeline.line.probe import Probe, nothing
@@ -31,8 +32,8 @@ class StripLink(Protocol):
     def open(self, timeout_s: float) -> None:
         """Connect."""
 
-    def send_strip(self, arm_id: int, row: int, rows: int, data: memoryview, *, timeout_s: float) -> None:
-        """Send a strip once there is room for it."""
+    def send_strip(self, arm_id: int, row: int, rows: int, data: memoryview, *, timeout_s: float) -> int:
+        """Send a strip once there is room for it; its CRC-32."""
 
     def next_row(self, arm_id: int) -> int:
         """Row of an arm that the printer wants next."""
@@ -206,14 +207,17 @@ class Streamer:
             if self._is_stopping(task):
                 return
             rows = strip.pixels.shape[0]
-            crc = zlib.crc32(strip.pixels.data.cast("B"), crc)
-            task.checksums[strip.first + rows] = crc
             had = min(rows, max(0, first - strip.first))
+            if had:
+                crc = zlib.crc32(strip.pixels[:had].data.cast("B"), crc)
             if had < rows:
                 self._probe("strip.before")
-                data = strip.pixels[had:].data.cast("B")
-                link.send_strip(task.arm_id, strip.first + had, rows - had, data, timeout_s=_CREDIT_TIMEOUT_S)
+                data, row = strip.pixels[had:].data.cast("B"), strip.first + had
+                # The link sums up each strip for the wire: a whole face isn't read a second time for its own sum.
+                sent = link.send_strip(task.arm_id, row, rows - had, data, timeout_s=_CREDIT_TIMEOUT_S)
+                crc = joined_crc32(crc, sent, data.nbytes)
                 self._probe("strip.sent")
+            task.checksums[strip.first + rows] = crc
         self._finish(task, crc)
         self._probe("face.sent")
 
