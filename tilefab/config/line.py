@@ -96,6 +96,78 @@ class Printer(Section):
     data: str = Field(pattern=_TCP, description="Where it takes faces: `tcp://HOST:PORT`.")
 
 
+class Camera(Section):
+    """[camera]: where images of fired tiles arrive, from a camera or scanner behind the kiln."""
+
+    folder: str = Field(
+        min_length=1,
+        description="Folder that images appear in, under a finished name: TIFF, PNG or JPEG; relative to this file. "
+        "Names that begin with a time as 20261124T083015.250Z tell when the tile was seen; of others the file's time "
+        "does.",
+    )
+    px_per_mm: float | None = Field(
+        None,
+        gt=0.1,
+        le=100,
+        description="Pixels of the image to a millimetre of tile, as calibrated. Without it sizes of tiles can't be "
+        "judged, only their shapes.",
+    )
+    profile: str | None = Field(
+        None,
+        min_length=1,
+        description="ICC profile of the camera, if images don't carry one. Default: sRGB.",
+    )
+    silent_min: float = Field(
+        10.0,
+        gt=0,
+        le=1440,
+        description="Minutes without an image, while tiles should leave the kiln, after which an alarm is raised.",
+    )
+
+
+Positive = Annotated[float, Field(gt=0)]
+
+
+class Tolerances(Section):
+    """[tolerances]: what a tile of first choice may show."""
+
+    delta_e_mean: Positive = Field(3.0, description="Mean CIEDE2000 of a tile from its own face.")
+    delta_e_p95: Positive = Field(6.0, description="The same, exceeded by 5 % of its regions.")
+    size_percent: Positive = Field(0.6, description="Mean side from the work size, % (ISO 13006, group BIa).")
+    straightness_percent: Positive = Field(0.5, description="Straightness of sides, %.")
+    rectangularity_percent: Positive = Field(0.5, description="Rectangularity, %.")
+    shift_mm: Positive = Field(2.0, description="Print off the middle of the tile.")
+
+
+class Inspection(Section):
+    """[inspection]: fired tiles are recognised, measured, and the colour of those to come corrected."""
+
+    window_min: float = Field(
+        180.0,
+        ge=1,
+        le=10_080,
+        description="Tiles seen are looked for among faces printed within so many minutes; then in their whole runs.",
+    )
+    correct: bool = Field(True, description="Whether the colour of tiles to come is corrected; else it is only told.")
+    correction_interval_min: float = Field(
+        10.0, ge=0, le=1440, description="Fewest minutes between two corrections, by the line's clock."
+    )
+    drift_per_hour: float = Field(
+        0.25,
+        gt=0,
+        le=5,
+        description="How far the mean colour of tiles usually drifts in an hour, CIEDE2000; learnt from then on.",
+    )
+    region_mm: float = Field(4.0, ge=0.5, le=100, description="Side of the regions that colours are compared in.")
+    clock_rate: float = Field(
+        1.0,
+        ge=1,
+        le=1000,
+        description="Of a simulated plant: how much faster than the clock on the wall it goes; all minutes here and in "
+        "[camera] are its own. Images are named by the clock on the wall.",
+    )
+
+
 class JournalPlace(Section):
     """[journal]: where it is written down what was printed."""
 
@@ -186,6 +258,9 @@ class Line(Section):
     printer: Printer
     kiln: Kiln | None = None
     gauge: Gauge | None = None
+    camera: Camera | None = None
+    inspection: Inspection = Field(default_factory=lambda: Inspection.model_validate({}))
+    tolerances: Tolerances = Field(default_factory=lambda: Tolerances.model_validate({}))
     journal: JournalPlace = Field(default_factory=lambda: JournalPlace.model_validate({}))
     api: Api = Field(default_factory=lambda: Api.model_validate({}))
     recipes: dict[Annotated[str, Field(min_length=1, max_length=60, pattern=_NAME)], Recipe] = Field(
@@ -248,6 +323,20 @@ class LineFile(TomlFile):
     def token_path(self) -> Path:
         """File of the token, whole."""
         return self._whole(self.line.api.token_file or "token", self._beside(self.line.api.token_file))
+
+    @property
+    def camera_folder(self) -> Path | None:
+        """Where images of fired tiles arrive, whole; ``None`` without a camera."""
+        camera = self.line.camera
+        return None if camera is None else self._whole(camera.folder, self.path.absolute().parent)
+
+    @property
+    def camera_profile(self) -> Path | None:
+        """The camera's profile, whole; ``None`` if none is named."""
+        camera = self.line.camera
+        if camera is None or camera.profile is None:
+            return None
+        return self._whole(camera.profile, self.path.absolute().parent)
 
     @property
     def log_path(self) -> Path:

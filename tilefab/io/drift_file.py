@@ -56,6 +56,11 @@ def write_drift_file(path: Path, drift: DriftFile) -> None:
     OutputError
         If it can't be written.
     """
+    atomic_write_bytes(path, drift_text(drift).encode())
+
+
+def drift_text(drift: DriftFile) -> str:
+    """A drift state as the JSON of its file."""
     content = {
         "schema_version": SCHEMA_VERSION,
         "profile_sha256": drift.profile_sha256,
@@ -66,7 +71,7 @@ def write_drift_file(path: Path, drift: DriftFile) -> None:
         "covariance": drift.state.covariance.tolist(),
     }
     lines = [f"  {json.dumps(key)}: {json.dumps(value, ensure_ascii=False)}" for key, value in content.items()]
-    atomic_write_bytes(path, ("{\n" + ",\n".join(lines) + "\n}\n").encode())
+    return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
 def read_drift_file(path: str | Path) -> tuple[DriftFile, str]:
@@ -90,6 +95,19 @@ def read_drift_file(path: str | Path) -> tuple[DriftFile, str]:
         raise ProfileError(
             f"{name}: can't be read: {error.strerror}: check the path and its permissions", path=name
         ) from error
+    return parse_drift(data, name)
+
+
+def parse_drift(data: bytes, name: str) -> tuple[DriftFile, str]:
+    """Check a drift state as its file holds it; see `read_drift_file`.
+
+    Parameters
+    ----------
+    data
+        JSON, UTF-8.
+    name
+        What to call it.
+    """
     if len(data) > _MOST_BYTES:
         _refuse(name, "is above 4 MiB")
     try:

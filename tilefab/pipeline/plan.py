@@ -95,6 +95,11 @@ class Plan:
         return self.job_file.job
 
     @property
+    def rebuilds_tables(self) -> bool:
+        """Whether the press's tables are made for this plan, instead of taken from the profile."""
+        return self.job.colour.rebuilds_tables or self.drift is not None
+
+    @property
     def name(self) -> str:
         """The job's name, or that of its file."""
         return self.job.job.name or self.job_file.path.stem
@@ -251,20 +256,7 @@ class _Planner:
         }
         chosen = {key: sorted(set(texture.get(key, []))) for key in ("drop", "keep")}
         map_facts = [build_facts, chosen]
-        press_facts: dict[str, object] = {
-            "conversion": CONVERSION_VERSION,
-            "profile": press_profile.sha256,
-            "intent": job.colour.intent,
-            "limit": job.colour.ink_limit_percent,
-            "bits": job.output.bits,
-        }
-        if job.colour.rebuilds_tables:
-            press_facts["tables"] = {
-                "separation": job.colour.separation,
-                "prices": job.colour.ink_prices,
-                "gamut": job.colour.gamut,
-                "drift": drift_sha256,
-            }
+        facts = press_facts(job, press_profile, drift_sha256)
         face_facts = {
             "size_mm": job.tile.size_mm,
             "bleed_mm": job.tile.bleed_mm,
@@ -278,11 +270,11 @@ class _Planner:
             input_profile=input_profile,
             press_profile=press_profile,
             output=Path(folder).resolve(),
-            slab_key=_hash_of(slab_facts),
-            build_key=_hash_of(build_facts),
-            map_key=_hash_of(map_facts),
-            press_key=_hash_of(press_facts),
-            job_hash=_hash_of([map_facts, press_facts, face_facts]),
+            slab_key=hash_of(slab_facts),
+            build_key=hash_of(build_facts),
+            map_key=hash_of(map_facts),
+            press_key=hash_of(facts),
+            job_hash=hash_of([map_facts, facts, face_facts]),
             drift=drift,
             drift_sha256=drift_sha256,
         )
@@ -465,6 +457,26 @@ def _optional_hash(path: Path | None) -> str:
     return _file_hash(path) if path is not None else ""
 
 
-def _hash_of(facts: object) -> str:
+def press_facts(job: Job, profile: IccProfile, drift_sha256: str) -> dict[str, object]:
+    """All that a job's map in inks depends on, but for the map; the drift's hash is empty where there is none."""
+    facts: dict[str, object] = {
+        "conversion": CONVERSION_VERSION,
+        "profile": profile.sha256,
+        "intent": job.colour.intent,
+        "limit": job.colour.ink_limit_percent,
+        "bits": job.output.bits,
+    }
+    if job.colour.rebuilds_tables or drift_sha256:
+        facts["tables"] = {
+            "separation": job.colour.separation,
+            "prices": job.colour.ink_prices,
+            "gamut": job.colour.gamut,
+            "drift": drift_sha256,
+        }
+    return facts
+
+
+def hash_of(facts: object) -> str:
+    """SHA-256 of facts, as hex digits."""
     text = json.dumps(facts, sort_keys=True, ensure_ascii=False, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()

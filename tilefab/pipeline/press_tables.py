@@ -77,7 +77,7 @@ def job_press(
     ValueError
         If the job's gamut is that of its image, and the texture map is not given for a perceptual intent.
     """
-    if not plan.job.colour.rebuilds_tables:
+    if not plan.rebuilds_tables:
         return press_transform(plan.press_profile, intent)
     watch = progress or Silent()
     key, tabulated = _key_of(plan), _TABULATED[intent]
@@ -120,7 +120,7 @@ def fired_colours(plan: Plan, dtype: DTypeLike) -> tuple[Callable[..., NDArray[n
     ProfileError
         As `job_press`.
     """
-    if not plan.job.colour.rebuilds_tables:
+    if not plan.rebuilds_tables:
         transform = press_transform(plan.press_profile, "relative")
         return transform.lab16_from_counts(dtype), lab_from_xyz(np.asarray(plan.press_profile.white_xyz))
     key = _key_of(plan)
