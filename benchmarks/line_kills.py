@@ -27,7 +27,7 @@ from machine import machine_name
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from tests.line_campaigns import ANY, Kills, in_doubt, kill_block
-from tilefab.pipeline.line.probe import STEPS
+from tilefab.pipeline.line.probe import CORRECTION_STEPS, STEPS
 
 _AT_ONCE = 100
 
@@ -48,7 +48,7 @@ def main() -> int:
     parser.add_argument("--each", type=int, default=100, help="kills at each step")
     parser.add_argument("--kills", type=int, default=3000, help="kills in all; those left over come at any moment")
     parser.add_argument("--jobs", type=int, default=2, help="plants at once")
-    parser.add_argument("--steps", nargs="*", default=list(STEPS), help="only these")
+    parser.add_argument("--steps", nargs="*", default=[*STEPS, *CORRECTION_STEPS], help="only these")
     parser.add_argument("--seed", type=int, default=1, help="of what is left to chance")
     arguments = parser.parse_args()
     figures = Figures()

@@ -44,6 +44,40 @@ def unique_recipes(pixels: NDArray[np.unsignedinteger]) -> tuple[NDArray[np.unsi
     return flat[sample], place.reshape(pixels.shape[:-1])
 
 
+def fired_rgb(
+    pixels: NDArray[np.unsignedinteger], press: SpectralPress, firing: Firing | None = None
+) -> NDArray[np.float32]:
+    """Linear sRGB (rows, cols, 3), 0 to 1, of a fired tile.
+
+    Parameters
+    ----------
+    pixels
+        (rows, cols, N) print data, uint8 or uint16, 0 = no ink.
+    press
+        The press that prints it.
+    firing
+        The firing; None is the normal one.
+
+    Raises
+    ------
+    ValueError
+        If the print data isn't (rows, cols, N) unsigned integers of the press's inks.
+    """
+    if pixels.ndim != 3 or pixels.shape[2] != len(press.ink_names) or pixels.dtype not in (np.uint8, np.uint16):
+        raise ValueError(f"print data must be uint8 or uint16, (rows, cols, {len(press.ink_names)})")
+    recipes, place = unique_recipes(pixels)
+    xyz = xyz_from_reflectance(press.reflectance(recipes / float(np.iinfo(pixels.dtype).max), firing))
+    colours = np.clip(xyz @ _RGB_FROM_XYZ_D50.T, 0.0, 1.0).astype(np.float32)
+    return np.asarray(colours[place], dtype=np.float32)
+
+
+def srgb_bytes(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Linear light of any shape through the curve of sRGB (IEC 61966-2-1), in 8 bits; what is outside 0 to 1 is cut."""
+    curve = np.rint(255.0 * _srgb(np.linspace(0.0, 1.0, _CURVE_STEPS))).astype(np.uint8)
+    steps = np.rint(np.clip(linear, 0.0, 1.0) * np.float32(_CURVE_STEPS - 1)).astype(np.int32)
+    return np.asarray(curve[steps], dtype=np.uint8)
+
+
 def scan_of(
     pixels: NDArray[np.unsignedinteger],
     press: SpectralPress,
@@ -90,13 +124,9 @@ def scan_of(
     ValueError
         If the print data isn't (rows, cols, N) unsigned integers of the press's inks, or the scale isn't positive.
     """
-    if pixels.ndim != 3 or pixels.shape[2] != len(press.ink_names) or pixels.dtype not in (np.uint8, np.uint16):
-        raise ValueError(f"print data must be uint8 or uint16, (rows, cols, {len(press.ink_names)})")
+    colours = fired_rgb(pixels, press, firing)
     if not scale > 0.0:
         raise ValueError(f"scale {scale} must be more than 0")
-    recipes, place = unique_recipes(pixels)
-    xyz = xyz_from_reflectance(press.reflectance(recipes / float(np.iinfo(pixels.dtype).max), firing))
-    colours = np.clip(xyz @ _RGB_FROM_XYZ_D50.T, 0.0, 1.0).astype(np.float32)
 
     angle = math.radians(rotation_deg)
     cos, sin = math.cos(angle), math.sin(angle)
@@ -115,10 +145,9 @@ def scan_of(
     light = 1.0 + np.float32(unevenness) * (math.sin(towards) * down + math.cos(towards) * across) / math.sqrt(2.0)
     light = light - np.float32(0.5 * unevenness) * (down * down + across * across) / 2.0
 
-    curve = np.rint(255.0 * _srgb(np.linspace(0.0, 1.0, _CURVE_STEPS))).astype(np.uint8)
     out = np.empty((rows, cols, 3), dtype=np.uint8)
     for channel in range(3):
-        plane = colours[place, channel]
+        plane = colours[:, :, channel]
         if scale < 1.0:
             # A scan pixel gathers the light of all print pixels under it.
             plane = ndimage.gaussian_filter(plane, 0.4 * math.sqrt(1.0 / scale**2 - 1.0), mode="nearest")
@@ -128,5 +157,5 @@ def scan_of(
         seen = ndimage.gaussian_filter(seen, blur_px) * light
         scatter = np.float32(noise) * generator.standard_normal((rows, cols), dtype=np.float32)
         seen += scatter * np.sqrt(np.clip(seen, 0.0, 1.0) + np.float32(0.02))
-        out[:, :, channel] = curve[np.rint(np.clip(seen, 0.0, 1.0) * (_CURVE_STEPS - 1)).astype(np.int64)]
+        out[:, :, channel] = srgb_bytes(seen)
     return out

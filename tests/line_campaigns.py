@@ -14,6 +14,7 @@ from typing import Any
 from tests.line_workshop import (
     STOPPED,
     PlantProcess,
+    QuickMaps,
     Workplace,
     judge,
     kill_at,
@@ -25,7 +26,7 @@ from tests.line_workshop import (
     write_slab,
 )
 from tilefab.control.ledger import ArmState
-from tilefab.pipeline.line.probe import STEPS
+from tilefab.pipeline.line.probe import CORRECTION_STEPS, STEPS
 
 LAST = "run.finished"
 ANY = "any moment"
@@ -40,6 +41,7 @@ _LONGEST_S = 2.5
 _LONGEST_AT_REST_S = 0.9
 _MORE = 60
 _END_S = 120.0
+_CORRECTED = "[inspection]\ncorrection_interval_min = 0\n"
 
 
 @dataclass
@@ -73,14 +75,24 @@ class Kills:
 
 @contextlib.contextmanager
 def workplace(
-    folder: Path, *, rate: float = 20.0, rtu: bool = False, speed: float = 200.0, **job: Any
+    folder: Path,
+    *,
+    rate: float = 20.0,
+    rtu: bool = False,
+    speed: float = 200.0,
+    corrected: bool = False,
+    **job: Any,
 ) -> Iterator[tuple[PlantProcess, Workplace]]:
-    """A plant and a line with one job."""
+    """A plant and a line with one job, perhaps corrected all the time by its eager operator."""
     folder.mkdir(exist_ok=True)
     write_slab(folder)
     job_path = write_job(folder, **job)
     with plant_process(folder, rate=rate) as plant:
-        yield plant, Workplace.open(job_path, write_line(folder, plant.endpoints, rtu=rtu, speed=speed))
+        more = _CORRECTED if corrected else ""
+        place = Workplace.open(job_path, write_line(folder, plant.endpoints, rtu=rtu, speed=speed, more=more))
+        if corrected:
+            place.maps = QuickMaps(place.source.maps.press)
+        yield plant, place
 
 
 def kill_often(
@@ -101,7 +113,7 @@ def kill_often(
             code = wait_or_kill(place.fork(lambda _: None), chance.uniform(0.0, 1.2))
             found.kills += code == KILLED
         else:
-            count = chance.choice((1, 1, 2, 3, 5, 8)) if step in _REPEATED else 1
+            count = chance.choice((1, 1, 2, 3, 5, 8)) if step in (*_REPEATED, *CORRECTION_STEPS) else 1
             begun, longest = time.monotonic(), _longest_s(step)
             code = wait_or_kill(place.fork(kill_at(step, count)), longest)
             found.kills += code == KILLED and time.monotonic() - begun < longest
@@ -130,8 +142,10 @@ def _longest_s(step: str) -> float:
 
 
 def kill_block(folder: Path, step: str, kills: int, seed: int, *, rtu: bool = False) -> Kills:
-    """`kill_often` on a plant of its own."""
-    with workplace(folder, rate=10.0 if rtu else 20.0, rtu=rtu, seed=seed, count=_MORE if step != LAST else 5) as here:
+    """`kill_often` on a plant of its own; at steps of corrections, and at any moment, colours are corrected, too."""
+    corrected = step in CORRECTION_STEPS or step == ANY
+    rate, count = 10.0 if rtu else 20.0, _MORE if step != LAST else 5
+    with workplace(folder, rate=rate, rtu=rtu, corrected=corrected, seed=seed, count=count) as here:
         return kill_often(*here, step, kills, seed=seed)
 
 

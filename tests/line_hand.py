@@ -38,6 +38,7 @@ class Hand:
             [job for job, _ in jobs],
             log=lambda kind, **facts: self.told.append((kind, facts)),
             open_source=lambda job, _rows: sources[job.plan.job_hash],
+            correction_maps=place.maps,
         )
 
     @property

@@ -20,7 +20,7 @@ import sys
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -28,17 +28,23 @@ from typing import Any
 import numpy as np
 import tifffile
 
+from tilefab.colour.drift import no_drift
 from tilefab.config import load_job
 from tilefab.config.line import LineFile, load_line
 from tilefab.control import line_machine as machine
 from tilefab.control.ledger import ArmState
 from tilefab.control.line_machine import LineState
+from tilefab.errors import InterlockError
+from tilefab.io.drift_file import DriftFile, drift_text, parse_drift
 from tilefab.io.journal import ArmRecord, Journal
+from tilefab.pipeline.corrected import corrected_plan
+from tilefab.pipeline.line.correction_maps import CorrectionMaps
 from tilefab.pipeline.line.daemon import LineDaemon
 from tilefab.pipeline.line.jobs import LineJob, line_job
 from tilefab.pipeline.line.source import FaceSource, open_source
-from tilefab.pipeline.plan import plan_job
+from tilefab.pipeline.plan import Plan, plan_job
 from tilefab.pipeline.progress import Silent
+from tilefab.sampling import TextureMap
 
 JOB = """\
 schema_version = 1
@@ -202,12 +208,15 @@ class Workplace:
         Its job.
     source
         The job's faces.
+    maps
+        Where maps of corrections come from; without any, eager operators don't correct.
     """
 
     line: LineFile
     job: LineJob
     source: FaceSource
     daemons: int = 0
+    maps: CorrectionMaps | None = None
 
     @classmethod
     def open(cls, job_path: Path, line_path: Path) -> Workplace:
@@ -253,6 +262,38 @@ class Workplace:
         return Journal.look(self.line.journal_url, line=self.line.name)
 
 
+class QuickMaps:
+    """Maps of corrections that are made at once: the job's own, with each count of ink changed in a way of its own."""
+
+    def __init__(self, own: TextureMap) -> None:
+        self.own = own
+        self.made: list[str] = []
+
+    async def make(self, plan: Plan) -> None:
+        await asyncio.sleep(0)
+        self.made.append(plan.press_key)
+
+    def load(self, plan: Plan, texture_hash: str) -> TextureMap:
+        assert self.own.provenance["press_key"].endswith(f" {texture_hash}")
+        mask = int(plan.press_key[:2], 16) | 1
+        return self.own.with_base(self.own.base ^ self.own.base.dtype.type(mask), self.own.space, self.own.channels)
+
+    def forget(self, plan: Plan) -> None:
+        pass
+
+    def tidy(self, plan: Plan, in_use: Collection[str], keep_s: float) -> None:
+        pass
+
+
+def made_up_drift(plan: Plan, number: int) -> dict[str, Any]:
+    """A drift state of a job's press; each number has another."""
+    state = no_drift(plan.press_profile.channels)
+    state = replace(state, mean=state.mean + number / 4096)
+    profile = plan.press_profile
+    drift: dict[str, Any] = json.loads(drift_text(DriftFile(state, profile.ink_names, profile.sha256, number)))
+    return drift
+
+
 STOPPED, STUCK = 0, 3
 
 
@@ -264,8 +305,16 @@ async def eager_operator(place: Workplace, probe: Callable[[str], None], log: Pa
             with log.open("a") as file:
                 file.write(f"{time.monotonic():.3f} {os.getpid()} {kind} {facts}\n")
 
-    daemon = LineDaemon(place.line, [place.job], probe=probe, log=tell, open_source=lambda _job, _rows: place.source)
+    daemon = LineDaemon(
+        place.line,
+        [place.job],
+        probe=probe,
+        log=tell,
+        open_source=lambda _job, _rows: place.source,
+        correction_maps=place.maps,
+    )
     running = asyncio.create_task(daemon.run())
+    beside = [asyncio.create_task(_correct_often(place, daemon))] if place.maps is not None else []
     code = STUCK
     deadline = time.monotonic() + 120
     while not running.done() and time.monotonic() < deadline:
@@ -284,9 +333,25 @@ async def eager_operator(place: Workplace, probe: Callable[[str], None], log: Pa
         for order in (machine.OperatorStart(), machine.OperatorResume()):
             if not machine.refusal(daemon.line, order):
                 daemon.post(order)
+    for task in beside:
+        task.cancel()
+    await asyncio.gather(*beside, return_exceptions=True)
     daemon.stopping.set()
     await running
     return code
+
+
+async def _correct_often(place: Workplace, daemon: LineDaemon) -> None:
+    """Correct the present run again and again, whatever the line is doing."""
+    while True:
+        await asyncio.sleep(0.06)
+        if daemon.book is None:
+            continue
+        number = daemon.work.correction.number + 1 if daemon.work.correction is not None else 1
+        with contextlib.suppress(InterlockError):
+            await daemon.corrector.correct(
+                daemon.book.run_id, made_up_drift(place.job.plan, number), f"attempt {number}"
+            )
 
 
 def kill_at(step: str, count: int) -> Callable[[str], None]:
@@ -355,6 +420,7 @@ def judge(
     with contextlib.closing(place.journal()) as journal:
         arms = {arm.arm_id: arm for arm in journal.arms()}
         runs = {run.facts.job_hash: run.run_id for run in journal.runs()}
+        latest = {run.run_id: run.correction for run in journal.runs()}
     prints: dict[tuple[int, int], list[tuple[dict[str, Any], dict[str, Any]]]] = {}
     for tile in truth["tiles"]:
         for made in tile["prints"]:
@@ -366,6 +432,7 @@ def judge(
                 continue
             prints.setdefault((arm.run_id, arm.face), []).append((tile, made))
     last = {(arm.run_id, arm.face): arm for arm in arms.values()}
+    _judge_corrections(found, list(arms.values()), latest)
     for job, source in ((place.job, place.source), *others):
         run_id = runs.get(job.plan.job_hash, -1)
         for face in range(job.plan.job.tile.count if finished else 0):
@@ -377,14 +444,31 @@ def judge(
             if run == run_id and one["complete"]
         ]
         for face, one in complete[:: max(1, len(complete) // check_pixels)] if check_pixels else []:
+            correction = arms[one["arm"]].correction
             digest = hashlib.sha256()
-            for strip in source.strips(source.prepare(face)):
+            for strip in corrected_source(place, job, source, run_id, correction).strips(
+                source.prepare(face), correction=correction
+            ):
                 digest.update(strip.pixels.data)
             if digest.hexdigest() != one["sha256"]:
-                found.wrong.append(f"face {face} of {job.plan.name} was printed with other pixels than the job gives")
+                found.wrong.append(
+                    f"face {face} of {job.plan.name} was printed with other pixels than correction {correction} gives"
+                )
     for key, arm in last.items():
         _judge_face(found, f"face {arm.face} of run {arm.run_id}", arm, prints.get(key, []))
     return found
+
+
+def corrected_source(place: Workplace, job: LineJob, source: FaceSource, run_id: int, correction: int) -> FaceSource:
+    """A job's faces, with a correction of a run among them as the journal has it."""
+    if correction and correction not in source.corrections:
+        assert place.maps is not None
+        with contextlib.closing(place.journal()) as journal:
+            (record,) = journal.corrections(run_id, [correction])
+        plan = corrected_plan(job.plan, *parse_drift(record.drift.encode(), f"correction {correction}"))
+        assert plan.press_key == record.press_key
+        source.put(correction, place.maps.load(plan, source.maps.texture.hash))
+    return source
 
 
 _PASSED = ("passed", "in_kiln", "fired", "broken")
@@ -414,6 +498,18 @@ def _judge_plant(found: Judgement, truth: dict[str, Any], *, one_job: bool) -> N
     ):
         if summary[name]:
             found.wrong.append(f"{name}: {summary[name]} {summary['twice'][:5] if name == 'faces_twice' else ''}")
+
+
+def _judge_corrections(found: Judgement, arms: Sequence[ArmRecord], latest: Mapping[int, int]) -> None:
+    """Arms follow each other with the same correction or a later one, and with none that the journal doesn't have."""
+    before: dict[int, int] = {}
+    for arm in arms:
+        if not before.get(arm.run_id, 0) <= arm.correction <= latest[arm.run_id]:
+            found.wrong.append(
+                f"arm {arm.arm_id} is of correction {arm.correction}, after {before.get(arm.run_id, 0)} and with "
+                f"{latest[arm.run_id]} in the journal"
+            )
+        before[arm.run_id] = arm.correction
 
 
 def _judge_end(found: Judgement, name: str, arm: ArmRecord | None) -> None:

@@ -102,7 +102,7 @@ def running_plant_here(config: PlantConfig) -> Iterator[RunningPlant]:
     OSError
         If a connection can't be opened.
     RuntimeError
-        At the end, if something in the plant's event loop failed on the way.
+        At the end, if something in the plant's event loop or its camera failed on the way.
     """
     ready = threading.Event()
     outcome: dict[str, Any] = {}
@@ -120,7 +120,10 @@ def running_plant_here(config: PlantConfig) -> Iterator[RunningPlant]:
             outcome["server"], outcome["loop"] = server, asyncio.get_running_loop()
             ready.set()
         await server.stopped.wait()
-        await server.close()
+        try:
+            await server.close()
+        except RuntimeError as error:
+            defects.append(str(error))
 
     thread = threading.Thread(target=lambda: asyncio.run(serve()), name="sim-plant", daemon=True)
     thread.start()

@@ -21,7 +21,7 @@ from tilefab.cli.line_view import status_view
 from tilefab.cli.progress import Bars
 from tilefab.config import LineFile, load_job, load_line
 from tilefab.control.ledger import MOST_FACES, ArmState
-from tilefab.errors import ConfigError, DeviceError, Problem, TilefabError
+from tilefab.errors import ConfigError, DeviceError, InterlockError, Problem, TilefabError
 from tilefab.web.client import LineClient
 from tilefab.web.token import read_token
 
@@ -169,6 +169,25 @@ def settle(
 ) -> None:
     """Say what became of a face that is in doubt; an unprinted one is printed again."""
     _order(line, token, "settle", face=face, state=state.value, **_named(run_id))
+
+
+@app.command("correct")
+def correct(
+    state: Annotated[Path, typer.Argument(metavar="STATE.json", help="Drift state, from `tilefab profile drift`.")],
+    reason: Annotated[str, typer.Option("--reason", metavar="TEXT", help="Why; goes into log, journal and reports.")],
+    line: LineOption = _LINE,
+    token: TokenOption = None,
+) -> None:
+    """Print the coming faces of the present job for a press that has drifted so: their colours stay."""
+    from tilefab.io.drift_file import drift_text, read_drift_file  # slow to import, with NumPy
+
+    drift, _ = read_drift_file(state)
+    client = _trusted_client(line, token)
+    run_id = client.status().run_id
+    if run_id is None:
+        raise InterlockError("no job is open: there is nothing to correct", device="line")
+    number = client.correct(run_id, json.loads(drift_text(drift)), reason)
+    typer.echo(f"correction {number} of run {run_id} is in use: faces that aren't put down yet are printed with it")
 
 
 @app.command("check")

@@ -52,7 +52,7 @@ def status_view(status: LineStatus, now: datetime, *, width: int = 100) -> Rende
     parts: list[RenderableType] = [_head(status, now)]
     if status.alarms:
         parts.append(_alarms(status.alarms, now))
-    parts.append(_panels(status, width))
+    parts.append(_panels(status, now, width))
     if status.kiln_degc:
         parts.append(_kiln(status))
     if status.last_faces:
@@ -125,8 +125,8 @@ def _pairs(title: str, rows: Iterable[tuple[str, str | Text]]) -> Panel:
     return Panel(table, title=title, title_align="left", border_style="dim")
 
 
-def _panels(status: LineStatus, width: int) -> RenderableType:
-    job, belt, devices = _job(status), _belt(status), _devices(status)
+def _panels(status: LineStatus, now: datetime, width: int) -> RenderableType:
+    job, belt, devices = _job(status, now), _belt(status), _devices(status)
     ink = [_ink(status)] if status.ink_frac else []
     if width >= _WIDE:
         columns = [[job], [belt, devices], ink]
@@ -137,11 +137,17 @@ def _panels(status: LineStatus, width: int) -> RenderableType:
     return grid
 
 
-def _job(status: LineStatus) -> Panel:
+def _correction(status: LineStatus, now: datetime) -> str:
+    made = status.correction
+    return "none" if made is None else f"{made.number}, {ago(made.made_at, now)} ago: {made.reason}"
+
+
+def _job(status: LineStatus, now: datetime) -> Panel:
     counts = status.counts
     rows: list[tuple[str, str | Text]] = [("name", status.job or "none")]
     if status.run_id is not None:
         rows.append(("run", str(status.run_id)))
+        rows.append(("correction", _correction(status, now)))
         passed = counts.get(ArmState.PASSED, 0)
         share = f" ({100 * passed / status.faces_wanted:.1f} %)" if status.faces_wanted else ""
         rows.append(("passed", f"{passed:,} of {status.faces_wanted:,}{share}"))

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tilefab.colour.neugebauer import neugebauer_rows, overlap_bits
 from tilefab.colour.press_model import PressModel, ink_pairs
 
 Float64Array = NDArray[np.float64]
@@ -26,7 +27,11 @@ _ROUNDS = 6
 MOST_TONE_CHANGE = 0.5
 """Largest gain or bend of an ink that is believed."""
 
-_STEP = 1e-5
+_LAB_OF_ROOTS = np.array([[0.0, 116.0, 0.0], [500.0, -500.0, 0.0], [0.0, 200.0, -200.0]])
+"""Lab, but for a constant, of the cube roots of X, Y and Z over those of the white."""
+
+_GROWTH_LIGHTNESS = 50.0
+"""Lightness by which residuals grow as their model says; see `tilefab.colour.residual.add_residual`."""
 
 
 @dataclass(frozen=True)
@@ -91,15 +96,55 @@ def aged(state: DriftState, share: float) -> DriftState:
     return replace(state, covariance=state.covariance + share * no_drift(state.inks).covariance)
 
 
-def _slopes(model: PressModel, state: DriftState, ink_frac: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Lab (M, 3) as the drifted press prints, and its slopes (M, 3, Q) for the state."""
-    lab = drifted(model, state).lab(ink_frac)
-    slopes = np.empty((*lab.shape, len(state.mean)))
-    for place in range(len(state.mean)):
-        moved = state.mean.copy()
-        moved[place] += _STEP
-        slopes[:, :, place] = (drifted(model, replace(state, mean=moved)).lab(ink_frac) - lab) / _STEP
-    return lab, slopes
+def drift_slopes(
+    model: PressModel, state: DriftState, ink_frac: NDArray[np.floating]
+) -> tuple[Float64Array, Float64Array]:
+    """What the drifted press prints, and how that leans on the drift.
+
+    Parameters
+    ----------
+    model
+        The press as it was profiled.
+    state
+        Where the slopes are taken; only its mean counts.
+    ink_frac
+        (M, N) ink fractions.
+
+    Returns
+    -------
+    tuple
+        Absolute Lab (M, 3), and its slopes (M, 3, Q) for the state.
+
+    Raises
+    ------
+    ValueError
+        If the state or the inks are of another number than the press.
+    """
+    now = drifted(model, state).arrays
+    inks = np.asarray(ink_frac, dtype=np.float64)
+    if inks.ndim != 2 or inks.shape[1] != model.inks:
+        raise ValueError(f"ink_frac must be (M, {model.inks}), but its shape is {inks.shape}")
+    bell = inks * (1.0 - inks)
+    printed = inks * (1.0 + now.gain) + now.bend * bell
+    toneless = replace(model, arrays=now._replace(gain=np.zeros(model.inks), bend=np.zeros(model.inks)))
+    lab, by_ink = toneless.lab_and_slopes(printed)
+    physics, by_primary = np.empty_like(lab), np.empty((len(inks), *now.primaries.shape))
+    by_curve, by_factor = np.empty((len(inks), *now.curves.shape)), np.empty_like(lab)
+    neugebauer_rows(printed, now.curves, now.primaries, now.factor, physics, by_curve, by_primary, by_factor)
+
+    # Cube roots of the bands lean on each overlap's logarithm, which is a sum of what its inks do alone and in pairs.
+    overlaps = overlap_bits(model.inks)
+    pairs = [overlaps[:, one] * overlaps[:, two] for one, two in ink_pairs(model.inks)]
+    sums = np.column_stack([np.ones(len(overlaps)), overlaps, *pairs])
+    # How far each overlap can fade at all: what a press whose glaze is lighter by one shows.
+    none = no_drift(model.inks).parts()
+    lighter = model.with_drift(none[0], none[1], np.ones(3), none[3], none[4]).arrays.primaries
+    faded = np.log(lighter / model.arrays.primaries)
+    by_fading = np.einsum("mcb,cb,cs->msb", by_primary, now.primaries * faded, sums)
+    lean = np.einsum("kb,msb->mksb", _LAB_OF_ROOTS, by_fading).reshape(len(inks), 3, -1)
+    # The residual is the larger, the lighter physics says that the colour is.
+    lean += (now.growth / _GROWTH_LIGHTNESS * (lab - physics))[:, :, np.newaxis] * lean[:, :1]
+    return lab, np.concatenate([by_ink * inks[:, np.newaxis], by_ink * bell[:, np.newaxis], lean], axis=2)
 
 
 def update_drift(
@@ -149,7 +194,7 @@ def update_drift(
     mean = state.mean
     precision = known
     for _ in range(_ROUNDS):
-        lab, slopes = _slopes(model, replace(state, mean=mean), inks)
+        lab, slopes = drift_slopes(model, replace(state, mean=mean), inks)
         lean = slopes.reshape(-1, len(mean))
         miss = (colours - lab).reshape(-1)
         precision = known + lean.T @ (weight[:, np.newaxis] * lean)

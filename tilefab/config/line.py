@@ -150,7 +150,7 @@ class Inspection(Section):
     )
     correct: bool = Field(True, description="Whether the colour of tiles to come is corrected; else it is only told.")
     correction_interval_min: float = Field(
-        10.0, ge=0, le=1440, description="Fewest minutes between two corrections, by the line's clock."
+        5.0, ge=0, le=1440, description="Fewest minutes between two corrections, by the line's clock."
     )
     drift_per_hour: float = Field(
         0.25,

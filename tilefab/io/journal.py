@@ -6,33 +6,46 @@ visible. Only the thread that opened a journal may use it.
 
 from __future__ import annotations
 
-import json
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from datetime import UTC, datetime
+from collections.abc import Callable, Collection, Sequence
+from datetime import datetime
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
-from sqlalchemy import URL, Connection, Row, delete, func, insert, select, update
+from sqlalchemy import URL, Connection, Row, insert, select, update
 
 from tilefab.control.ledger import MOST_FACES, UNSETTLED, ArmState, FaceStates, check_transition
-from tilefab.errors import JournalError
 from tilefab.io import journal_queries as queries
-from tilefab.io.journal_records import ArmChange, ArmRecord, Intent, NoteRecord, RunFacts, RunRecord
-from tilefab.io.journal_schema import MOST_SESSIONS, arms, lines, notes, reprints, runs
+from tilefab.io.journal_base import JournalBase, milliseconds
+from tilefab.io.journal_records import (
+    ArmChange,
+    ArmRecord,
+    CorrectionRecord,
+    Intent,
+    NoteRecord,
+    PrintRecord,
+    RunFacts,
+    RunRecord,
+)
+from tilefab.io.journal_schema import MOST_SESSIONS, arms, corrections, reprints, runs
 from tilefab.io.journal_store import Store
 
-__all__ = ["ArmChange", "ArmRecord", "Intent", "Journal", "NoteRecord", "RunFacts", "RunRecord", "sqlite_url"]
-
-MOST_NOTES = 100_000
-"""How many notes of a line are kept, besides the newest of each kind."""
+__all__ = [
+    "ArmChange",
+    "ArmRecord",
+    "CorrectionRecord",
+    "Intent",
+    "Journal",
+    "NoteRecord",
+    "PrintRecord",
+    "RunFacts",
+    "RunRecord",
+    "sqlite_url",
+]
 
 _MOST_REASON = 500
-_MOST_DETAIL = 16_000
 _MOST_ID = (1 << 63) - 1
-_TIDY_EVERY = 1000
+_TIMED = {ArmState.PRINTED: "printed_ms", ArmState.PASSED: "passed_ms"}
+"""Columns that tell when arms came into a state."""
 
 
 def sqlite_url(path: Path) -> str:
@@ -40,97 +53,15 @@ def sqlite_url(path: Path) -> str:
     return URL.create("sqlite", database=str(path)).render_as_string()
 
 
-class Journal:
+class Journal(JournalBase):
     """Made by `Journal.open` or `Journal.look`; a context manager that closes.
 
     Every method raises `JournalError` if the database fails, or if what is asked would contradict the ledger.
     """
 
     def __init__(self, store: Store, line: str, now: Callable[[], datetime]) -> None:
-        self._store, self._line, self._now = store, line, now
-        self._thread = threading.get_ident()
-        self._closed = False
-        self._line_id = -1
-        self._written = 0
+        super().__init__(store, line, now)
         self._counts: dict[int, dict[ArmState, int]] = {}
-
-    @classmethod
-    def open(cls, url: str, *, line: str, now: Callable[[], datetime] | None = None) -> Journal:
-        """Open a line's journal to write it; made or brought up to date if need be.
-
-        Parameters
-        ----------
-        url
-            ``sqlite:////folder/file`` (see `sqlite_url`) or ``postgresql://...``.
-        line
-            Name of the line, 1 to 100 characters. PostgreSQL serves many lines at once, each with one daemon; a file
-            serves one daemon.
-        now
-            Clock for the times put down.
-
-        Raises
-        ------
-        JournalError
-            If it can't be opened or trusted, is of a newer schema, or another daemon writes it.
-        """
-        journal = cls(Store(url, line=line, read_only=False), line, now or _utc_now)
-        try:
-            with journal._transaction("open") as connection:
-                found = connection.execute(select(lines.c.line_id).where(lines.c.name == line)).scalar()
-                if found is None:
-                    values = {"name": line, "last_session": 0, "last_arm": 0}
-                    found = connection.execute(insert(lines).values(values).returning(lines.c.line_id)).scalar_one()
-                journal._line_id = found
-                journal._prune(connection)
-        except BaseException:
-            journal.close()
-            raise
-        return journal
-
-    @classmethod
-    def look(cls, url: str, *, line: str) -> Journal:
-        """Open a line's journal only to read it, while its daemon runs or not.
-
-        Raises
-        ------
-        JournalError
-            If there is none, or it is of another schema.
-        """
-        journal = cls(Store(url, line=line, read_only=True), line, _utc_now)
-        try:
-            with journal._transaction("look") as connection:
-                found = connection.execute(select(lines.c.line_id).where(lines.c.name == line)).scalar()
-            if found is None:
-                raise JournalError(f"{journal._store.name}: knows no line {line!r}: check the line's name")
-            journal._line_id = found
-        except BaseException:
-            journal.close()
-            raise
-        return journal
-
-    def __enter__(self) -> Journal:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Close it; twice is once."""
-        self._check_thread()
-        self._closed = True
-        self._store.close()
-
-    @property
-    def lost(self) -> bool:
-        """Whether it failed in a way after which only opening it anew helps."""
-        return self._store.lost
-
-    def check(self) -> None:
-        """Read and compare everything; see `Store.check`."""
-        self._check_thread()
-        self._store.check()
 
     # Sessions and numbers
 
@@ -225,12 +156,44 @@ class Journal:
     def runs(self, *, last: int = 50) -> list[RunRecord]:
         """The newest runs, oldest first."""
         with self._transaction("read runs") as connection:
-            query = select(runs).where(runs.c.line_id == self._line_id).order_by(runs.c.run_id.desc()).limit(last)
-            return [queries.run_record(row) for row in reversed(connection.execute(query).all())]
+            return queries.find_runs(connection, self._line_id, last)
+
+    # Corrections
+
+    def correct(self, run_id: int, *, press_key: str, drift: str, reason: str) -> CorrectionRecord:
+        """Put down a correction of a run.
+
+        Parameters
+        ----------
+        run_id
+            An unfinished run.
+        press_key, drift, reason
+            See `CorrectionRecord`.
+        """
+        with self._transaction("correct a run") as connection:
+            if self._run(connection, run_id).finished_ms is not None:
+                raise self._error(f"run {run_id} is finished: there is nothing left to correct")
+            number = queries.last_correction(connection, run_id) + 1
+            values = {"number": number, "press_key": press_key, "drift": drift, "reason": reason[:_MOST_REASON]}
+            connection.execute(insert(corrections).values(run_id=run_id, made_ms=self._now_ms(), **values))
+            return queries.find_corrections(connection, run_id, [number])[0]
+
+    def corrections(self, run_id: int, numbers: Collection[int] | None = None) -> list[CorrectionRecord]:
+        """Corrections of a run, all or some, in order."""
+        with self._transaction("read corrections") as connection:
+            self._run(connection, run_id)
+            return queries.find_corrections(connection, run_id, numbers)
+
+    def latest_correction(self, run_id: int) -> CorrectionRecord | None:
+        """The correction that a run's next faces are printed with; ``None``: as its job says."""
+        with self._transaction("read the latest correction") as connection:
+            self._run(connection, run_id)
+            number = queries.last_correction(connection, run_id)
+            return queries.find_corrections(connection, run_id, [number])[0] if number else None
 
     # Arms
 
-    def intend(self, run_id: int, faces: Sequence[tuple[int, int]]) -> list[Intent]:
+    def intend(self, run_id: int, faces: Sequence[tuple[int, int]], *, correction: int = 0) -> list[Intent]:
         """Put down, in one commit, faces that are about to be printed.
 
         Parameters
@@ -239,6 +202,8 @@ class Journal:
             An unfinished run.
         faces
             Faces, each with the number of the attempt: 1 for the first, then one more than the last.
+        correction
+            Which of the run's corrections they are printed with; 0: none.
 
         Returns
         -------
@@ -257,6 +222,8 @@ class Journal:
             run = self._run(connection, run_id)
             if run.finished_ms is not None:
                 raise self._error(f"run {run_id} is finished: start it anew")
+            if correction and not queries.find_corrections(connection, run_id, [correction]):
+                raise self._error(f"run {run_id} has no correction {correction}")
             if len({face for face, _ in faces}) < len(faces):
                 raise self._error("a face is intended twice at once")
             known = queries.last_arms(connection, run_id, [face for face, _ in faces])
@@ -266,7 +233,7 @@ class Journal:
             intents, rows = [], []
             for arm_id, (face, attempt) in enumerate(faces, last_arm + 1):
                 reprint = self._reprint_of(connection, run, face, attempt, known.get(face))
-                intents.append(Intent(arm_id, run_id, face, attempt))
+                intents.append(Intent(arm_id, run_id, face, attempt, correction))
                 rows.append(
                     {
                         "line_id": self._line_id,
@@ -279,6 +246,7 @@ class Journal:
                         "reason": "",
                         "intended_ms": now,
                         "changed_ms": now,
+                        "correction": correction,
                     }
                 )
             connection.execute(insert(arms), rows)
@@ -367,6 +335,26 @@ class Journal:
                 queries.arm_record(row) for row in queries.find_arms(connection, self._line_id, run_id, states, last)
             ]
 
+    def arm_of(self, run_id: int, face: int) -> ArmRecord | None:
+        """The last arm of a face, ``None`` if it was never tried."""
+        with self._transaction("read an arm") as connection:
+            found = queries.last_arms(connection, self._run(connection, run_id).run_id, [face]).get(face)
+            return None if found is None else queries.arm_record(found)
+
+    def prints(self, run_id: int | None = None, *, since: datetime | None = None) -> list[PrintRecord]:
+        """Arms whose faces were printed whole, by the time that the journal heard of it; quick also in a long journal.
+
+        Parameters
+        ----------
+        run_id
+            Only this run's.
+        since
+            Only those printed then or later.
+        """
+        with self._transaction("read prints") as connection:
+            since_ms = None if since is None else milliseconds(since)
+            return queries.find_prints(connection, self._line_id, run_id, since_ms)
+
     def face_states(self, run_id: int) -> FaceStates:
         """Where the faces of a run stand: what a `FaceQueue` begins with."""
         with self._transaction("read faces") as connection:
@@ -381,54 +369,7 @@ class Journal:
                 self._counts[run_id] = queries.count_arms(connection, self._line_id, run_id)
         return dict(self._counts[run_id])
 
-    # Notes
-
-    def note(self, kind: str, **detail: object) -> None:
-        """Put down an event; ``detail`` as JSON, what that doesn't know as text. Old ones go, see `MOST_NOTES`."""
-        with self._transaction("make a note") as connection:
-            self._note(connection, kind, detail)
-
-    def notes(self, last: int = 50) -> list[NoteRecord]:
-        """The newest notes, oldest first."""
-        with self._transaction("read notes") as connection:
-            query = select(notes).where(notes.c.line_id == self._line_id).order_by(notes.c.note_id.desc()).limit(last)
-            return [queries.note_record(row) for row in reversed(connection.execute(query).all())]
-
-    def latest_note(self, kind: str) -> NoteRecord | None:
-        """The newest note of a kind, or ``None``."""
-        with self._transaction("read a note") as connection:
-            ours = (notes.c.line_id == self._line_id) & (notes.c.kind == kind)
-            row = connection.execute(select(notes).where(ours).order_by(notes.c.note_id.desc()).limit(1)).first()
-            return queries.note_record(row) if row is not None else None
-
     # Within a transaction
-
-    @contextmanager
-    def _transaction(self, what: str) -> Iterator[Connection]:
-        self._check_thread()
-        if self._closed:
-            raise self._error(f"can't {what}: it is closed")
-        with self._store.transaction(what) as connection:
-            yield connection
-        self._written += 1
-        if self._written % _TIDY_EVERY == 0 and not self._store.read_only:
-            self._store.tidy()
-
-    def _check_thread(self) -> None:
-        if threading.get_ident() != self._thread:
-            raise self._error("is used from another thread than the one that opened it: this is a defect")
-
-    def _error(self, message: str) -> JournalError:
-        return JournalError(f"{self._store.name}: {message}", path=self._store.name)
-
-    def _now_ms(self) -> int:
-        return round(self._now().timestamp() * 1000)
-
-    def _last(self, connection: Connection, column: str) -> int:
-        return int(connection.execute(select(lines.c[column]).where(lines.c.line_id == self._line_id)).scalar_one())
-
-    def _set_line(self, connection: Connection, **values: int) -> None:
-        connection.execute(update(lines).where(lines.c.line_id == self._line_id).values(values))
 
     def _run(self, connection: Connection, run_id: int) -> Row[Any]:
         ours = (runs.c.line_id == self._line_id) & (runs.c.run_id == run_id)
@@ -470,7 +411,12 @@ class Journal:
             raise self._error(f"arm {arm_id}: {error}") from error
 
     def _change(self, connection: Connection, change: ArmChange, old: ArmState) -> None:
-        values: dict[str, object] = {"state": change.state.value, "changed_ms": self._now_ms()}
+        now = self._now_ms()
+        values: dict[str, object] = {"state": change.state.value, "changed_ms": now}
+        # What an operator found out was so before he said it: nobody knows since when.
+        timed = _TIMED.get(change.state)
+        if timed is not None and change.state is not old and old is not ArmState.IN_DOUBT:
+            values[timed] = now
         values |= {name: value for name in queries.FACTS if (value := getattr(change, name)) is not None}
         if change.reason:
             values["reason"] = change.reason[:_MOST_REASON]
@@ -481,25 +427,3 @@ class Journal:
     def _count(self, run_id: int, state: ArmState, many: int) -> None:
         if run_id in self._counts:
             self._counts[run_id][state] += many
-
-    def _note(self, connection: Connection, kind: str, detail: dict[str, object]) -> None:
-        told = json.dumps(detail, ensure_ascii=False, default=str)
-        if len(told) > _MOST_DETAIL:
-            told = json.dumps({"shortened": told[:_MOST_DETAIL]}, ensure_ascii=False)
-        values = {"line_id": self._line_id, "at_ms": self._now_ms(), "kind": kind, "detail": told}
-        note_id = connection.execute(insert(notes).values(values).returning(notes.c.note_id)).scalar_one()
-        if note_id % _TIDY_EVERY == 0:
-            self._prune(connection)
-
-    def _prune(self, connection: Connection) -> None:
-        """Let old notes go, but for the newest of each kind."""
-        ours = notes.c.line_id == self._line_id
-        oldest = select(notes.c.note_id).where(ours).order_by(notes.c.note_id.desc()).offset(MOST_NOTES - 1).limit(1)
-        bound = connection.execute(oldest).scalar()
-        if bound is not None:
-            kept = select(func.max(notes.c.note_id)).where(ours).group_by(notes.c.kind)
-            connection.execute(delete(notes).where(ours, notes.c.note_id < bound, notes.c.note_id.not_in(kept)))
-
-
-def _utc_now() -> datetime:
-    return datetime.now(UTC)

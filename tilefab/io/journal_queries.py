@@ -10,20 +10,24 @@ from typing import Any
 from sqlalchemy import Connection, Row, and_, exists, func, select
 
 from tilefab.control.ledger import UNSETTLED, ArmState, FaceStates
-from tilefab.io.journal_records import ArmRecord, NoteRecord, RunFacts, RunRecord
-from tilefab.io.journal_schema import UNFINISHED_RUNS, UNPRINTED_ARMS, UNSETTLED_ARMS, arms, reprints, runs
+from tilefab.io.journal_records import ArmRecord, CorrectionRecord, NoteRecord, PrintRecord, RunFacts, RunRecord
+from tilefab.io.journal_schema import (
+    PRINTED_ARMS,
+    UNPRINTED_ARMS,
+    UNSETTLED_ARMS,
+    arms,
+    corrections,
+    reprints,
+    runs,
+)
 
 FACTS = ("detect_seq", "tile_seq", "printer_boot", "plc_boot", "rows_printed", "data_crc32")
 """Columns of arms that hold what the devices told."""
 
+_PRINT_COLUMNS = ("run_id", "arm_id", "face", "attempt", "correction")
+
 _MOST_AT_ONCE = 500
 """Faces or arms asked for in one statement: databases bound its length."""
-
-
-def unfinished_run(connection: Connection, line_id: int, job_hash: str) -> Row[Any] | None:
-    """The line's run of a job that isn't over."""
-    query = select(runs).where(runs.c.line_id == line_id, runs.c.job_hash == job_hash, UNFINISHED_RUNS)
-    return connection.execute(query).first()
 
 
 def newest_run(connection: Connection, line_id: int, job_hash: str) -> Row[Any] | None:
@@ -78,6 +82,56 @@ def find_arms(
     if last is None:
         return connection.execute(query.order_by(arms.c.arm_id)).all()
     return connection.execute(query.order_by(arms.c.arm_id.desc()).limit(last)).all()[::-1]
+
+
+def find_prints(connection: Connection, line_id: int, run_id: int | None, since_ms: int | None) -> list[PrintRecord]:
+    """Arms whose faces were printed whole, by the time of that; see `Journal.prints`."""
+    columns = [arms.c[name] for name in (*_PRINT_COLUMNS, "state", "printed_ms", "passed_ms")]
+    of_line, of_run = arms.c.line_id == line_id, arms.c.run_id == run_id
+    if since_ms is not None and run_id is not None:
+        # A sum, so that the index of times looks better than that of the run's faces.
+        of_run = arms.c.run_id + 0 == run_id
+    query = select(*columns).where(of_line, PRINTED_ARMS)
+    if run_id is not None:
+        query = query.where(of_run)
+    if since_ms is not None:
+        query = query.where(arms.c.printed_ms >= since_ms)
+    return [
+        PrintRecord(
+            **{name: getattr(row, name) for name in _PRINT_COLUMNS},
+            state=ArmState(row.state),
+            printed_at=_time(row.printed_ms),
+            passed_at=_maybe_time(row.passed_ms),
+        )
+        for row in connection.execute(query.order_by(arms.c.printed_ms, arms.c.arm_id))
+    ]
+
+
+def find_runs(connection: Connection, line_id: int, last: int) -> list[RunRecord]:
+    """The newest runs of a line, oldest first."""
+    latest = select(func.max(corrections.c.number)).where(corrections.c.run_id == runs.c.run_id).scalar_subquery()
+    query = select(runs, latest.label("correction")).where(runs.c.line_id == line_id)
+    rows = connection.execute(query.order_by(runs.c.run_id.desc()).limit(last)).all()
+    return [_run_record(row) for row in reversed(rows)]
+
+
+def last_correction(connection: Connection, run_id: int) -> int:
+    """Number of a run's latest correction, 0 if none."""
+    query = select(func.max(corrections.c.number)).where(corrections.c.run_id == run_id)
+    return int(connection.execute(query).scalar() or 0)
+
+
+def find_corrections(
+    connection: Connection, run_id: int, numbers: Collection[int] | None = None
+) -> list[CorrectionRecord]:
+    """A run's corrections, all or some, in order."""
+    query = select(corrections).where(corrections.c.run_id == run_id)
+    if numbers is not None:
+        query = query.where(corrections.c.number.in_(sorted(numbers)))
+    return [
+        CorrectionRecord(row.run_id, row.number, row.press_key, row.drift, row.reason, _time(row.made_ms))
+        for row in connection.execute(query.order_by(corrections.c.number))
+    ]
 
 
 def count_arms(connection: Connection, line_id: int, run_id: int) -> dict[ArmState, int]:
@@ -144,21 +198,25 @@ def _time(milliseconds: int) -> datetime:
     return datetime.fromtimestamp(milliseconds / 1000, UTC)
 
 
-def run_record(row: Row[Any]) -> RunRecord:
-    """A row of the table, for the journal's callers."""
+def _maybe_time(milliseconds: int | None) -> datetime | None:
+    return None if milliseconds is None else _time(milliseconds)
+
+
+def _run_record(row: Row[Any]) -> RunRecord:
     facts = RunFacts(**{name: getattr(row, name) for name in RunFacts.__dataclass_fields__})
-    finished = _time(row.finished_ms) if row.finished_ms is not None else None
-    return RunRecord(row.run_id, facts, _time(row.begun_ms), finished)
+    return RunRecord(row.run_id, facts, _time(row.begun_ms), _maybe_time(row.finished_ms), row.correction or 0)
 
 
 def arm_record(row: Row[Any]) -> ArmRecord:
     """A row of the table, for the journal's callers."""
-    plain = ("arm_id", "run_id", "face", "attempt", "reprint", *FACTS, "reason")
+    plain = ("arm_id", "run_id", "face", "attempt", "reprint", *FACTS, "reason", "correction")
     return ArmRecord(
         **{name: getattr(row, name) for name in plain},
         state=ArmState(row.state),
         intended_at=_time(row.intended_ms),
         changed_at=_time(row.changed_ms),
+        printed_at=_maybe_time(row.printed_ms),
+        passed_at=_maybe_time(row.passed_ms),
     )
 
 

@@ -39,22 +39,51 @@ class RunFacts:
 
 @dataclass(frozen=True)
 class RunRecord:
-    """A run as the journal has it."""
+    """A run as the journal has it; ``correction`` is the number of its latest one, 0 without any."""
 
     run_id: int
     facts: RunFacts
     begun_at: datetime
     finished_at: datetime | None
+    correction: int = 0
+
+
+@dataclass(frozen=True)
+class CorrectionRecord:
+    """Other inks for the same colours, from some face of a run on.
+
+    Attributes
+    ----------
+    run_id, number
+        The run, and which of its corrections, 1 for the first; 0 stands for none: the job as its file says.
+    press_key
+        Hash of all that the corrected map in inks depends on, but for the texture map; see
+        `tilefab.pipeline.corrected.corrected_plan`.
+    drift
+        How the press had drifted, as JSON; see `tilefab.io.drift_file.parse_drift`.
+    reason
+        Why, for people; at most 500 characters are kept.
+    made_at
+        When it was put down.
+    """
+
+    run_id: int
+    number: int
+    press_key: str
+    drift: str
+    reason: str
+    made_at: datetime
 
 
 @dataclass(frozen=True)
 class Intent:
-    """An arm put down before the printer hears of it."""
+    """An arm put down before the printer hears of it; ``correction`` tells what inks its face is printed with."""
 
     arm_id: int
     run_id: int
     face: int
     attempt: int
+    correction: int = 0
 
 
 @dataclass(frozen=True)
@@ -90,7 +119,13 @@ class ArmChange:
 
 @dataclass(frozen=True)
 class ArmRecord:
-    """An arm as the journal has it; ``reprint`` is the number of the operator's order it serves, if any."""
+    """An arm as the journal has it.
+
+    ``reprint`` is the number of the operator's order it serves, if any; ``correction`` that of the correction that its
+    face is printed with. ``printed_at`` and ``passed_at`` are when the journal heard of that, which is later than it
+    happened where the daemon was down; ``None`` where it never did, where an operator said so, and of arms from before
+    the journal kept these times.
+    """
 
     arm_id: int
     run_id: int
@@ -107,6 +142,23 @@ class ArmRecord:
     reason: str
     intended_at: datetime
     changed_at: datetime
+    correction: int = 0
+    printed_at: datetime | None = None
+    passed_at: datetime | None = None
+
+
+@dataclass(frozen=True)
+class PrintRecord:
+    """An arm whose face was printed whole: what tells of a fired tile which it can be; fields as in `ArmRecord`."""
+
+    run_id: int
+    arm_id: int
+    face: int
+    attempt: int
+    correction: int
+    state: ArmState
+    printed_at: datetime
+    passed_at: datetime | None
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from sqlalchemy import (
 
 from tilefab.control.ledger import UNSETTLED, ArmState
 
-HEAD = "0001"
+HEAD = "0002"
 """Revision that this module describes."""
 
 MOST_SESSIONS = 1 << 32
@@ -36,6 +36,7 @@ _MAY_BE_PRINTED = f"state <> '{ArmState.UNPRINTED.value}'"
 MAY_BE_PRINTED_FIRST = text(f"{_MAY_BE_PRINTED} AND reprint IS NULL")
 MAY_BE_PRINTED_AGAIN = text(f"{_MAY_BE_PRINTED} AND reprint IS NOT NULL")
 UNFINISHED_RUNS = text("finished_ms IS NULL")
+PRINTED_ARMS = text("printed_ms IS NOT NULL")
 
 metadata = MetaData(
     naming_convention={
@@ -94,6 +95,18 @@ reprints = Table(
     CheckConstraint("number >= 1", name="number"),
 )
 
+corrections = Table(
+    "corrections",
+    metadata,
+    Column("run_id", Integer, ForeignKey("runs.run_id"), primary_key=True),
+    Column("number", Integer, primary_key=True),
+    Column("press_key", Text, nullable=False),
+    Column("drift", Text, nullable=False),
+    Column("reason", Text, nullable=False),
+    Column("made_ms", BigInteger, nullable=False),
+    CheckConstraint("number >= 1", name="number"),
+)
+
 _U32 = 1 << 32
 
 arms = Table(
@@ -115,6 +128,10 @@ arms = Table(
     Column("reason", Text, nullable=False),
     Column("intended_ms", BigInteger, nullable=False),
     Column("changed_ms", BigInteger, nullable=False),
+    # 0: as the job's file says. No key of another table, so that those before need no row.
+    Column("correction", Integer, nullable=False, server_default=text("0")),
+    Column("printed_ms", BigInteger),
+    Column("passed_ms", BigInteger),
     ForeignKeyConstraint(["line_id", "run_id"], ["runs.line_id", "runs.run_id"]),
     ForeignKeyConstraint(["run_id", "face", "reprint"], ["reprints.run_id", "reprints.face", "reprints.number"]),
     CheckConstraint(f"state IN ({', '.join(repr(state.value) for state in ArmState)})", name="state"),
@@ -161,6 +178,13 @@ Index(
     arms.c.face,
     sqlite_where=UNPRINTED_ARMS,
     postgresql_where=UNPRINTED_ARMS,
+)
+Index(
+    "ix_arms_printed",
+    arms.c.line_id,
+    arms.c.printed_ms,
+    sqlite_where=PRINTED_ARMS,
+    postgresql_where=PRINTED_ARMS,
 )
 
 notes = Table(

@@ -78,7 +78,7 @@ def job_maps(plan: Plan, progress: Progress, threads: int | None = None, *, must
         If it must be kept and can't be.
     """
     texture = texture_map(plan, progress, threads, must_keep=must_keep)
-    path = plan.output / MAPS_FOLDER / f"{plan.map_key[:_KEY_DIGITS]}-{plan.press_key[:_KEY_DIGITS]}.press{SUFFIX}"
+    path = press_map_path(plan)
     press = _load(path, "press_key", f"{plan.press_key} {texture.hash}", progress)
     if press is None:
         press = convert_map(plan, texture, progress, threads)
@@ -124,6 +124,41 @@ def check_owner(plan: Plan) -> None:
 def texture_map_path(plan: Plan) -> Path:
     """Where a job's texture map is kept."""
     return plan.output / MAPS_FOLDER / f"{plan.map_key[:_KEY_DIGITS]}.texture{SUFFIX}"
+
+
+def press_map_path(plan: Plan) -> Path:
+    """Where a job's map in inks is kept; each correction of its colours has another."""
+    return plan.output / MAPS_FOLDER / f"{plan.map_key[:_KEY_DIGITS]}-{plan.press_key[:_KEY_DIGITS]}.press{SUFFIX}"
+
+
+def kept_press_maps(plan: Plan) -> list[Path]:
+    """Files of all maps in inks that are kept of a job: its own, and those of its corrections."""
+    return sorted((plan.output / MAPS_FOLDER).glob(f"{plan.map_key[:_KEY_DIGITS]}-*.press{SUFFIX}"))
+
+
+def load_press_map(plan: Plan, texture_hash: str) -> TextureMap:
+    """A job's map in inks as it is kept; it is not made.
+
+    Parameters
+    ----------
+    plan
+        The job.
+    texture_hash
+        Hash of the texture map that it must be of.
+
+    Raises
+    ------
+    TextureMapError
+        If it isn't there, is damaged, or is of another texture map.
+    """
+    path = press_map_path(plan)
+    loaded = load_texture_map(path)
+    if loaded.provenance.get("press_key") != f"{plan.press_key} {texture_hash}":
+        raise TextureMapError(
+            f"{path}: isn't of the texture map that {plan.name} is printed from: put that one back, or remove this",
+            path=str(path),
+        )
+    return loaded
 
 
 def build_map(plan: Plan, progress: Progress, threads: int | None = None, keep_in: Path | None = None) -> TextureMap:

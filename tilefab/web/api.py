@@ -1,14 +1,17 @@
 """The API of a line's daemon: anybody may look, only who has the token may order.
 
-========  ==================  =====  =====================================================================
-method    path                token  answer
-========  ==================  =====  =====================================================================
-GET       /v1/status          no     a `tilefab.pipeline.line.status.LineStatus`
-GET       /v1/alarms          no     ``{"alarms": [...]}``: those that are up, oldest first
-GET       /v1/faces?last=N    no     ``{"faces": [...]}``: the latest attempts, newest first; N is 1 to 1000
-GET       /metrics            no     Prometheus' text format
-POST      /v1/commands        yes    ``{"done": "..."}``; asked with ``{"command": NAME, ...its arguments}``
-========  ==================  =====  =====================================================================
+========  =====================  =====  ==================================================================
+method    path                   token  answer
+========  =====================  =====  ==================================================================
+GET       /v1/status             no     a `tilefab.pipeline.line.status.LineStatus`
+GET       /v1/alarms             no     ``{"alarms": [...]}``: those that are up, oldest first
+GET       /v1/faces?last=N       no     ``{"faces": [...]}``: the latest attempts, newest first; N is 1 to 200
+GET       /v1/corrections?run=N  no     ``{"run_id": N, "corrections": [...]}``: a run's, in order
+GET       /metrics               no     Prometheus' text format
+POST      /v1/commands           yes    ``{"done": "..."}``; asked with ``{"command": NAME, ...its arguments}``
+POST      /v1/corrections        yes    ``{"number": N}``; asked with ``{"run_id", "drift", "reason"}``
+POST      /v1/warnings           yes    ``{"done": "..."}``; asked with ``{"code", "text"}``
+========  =====================  =====  ==================================================================
 
 Every error is ``{"error": "..."}`` with 400 (asked wrongly), 401 (no token), 403 (wrong token), 404, 405, 413 (too
 long) or 409: the line can't do so now, with ``exit_code`` as the command line has it.
@@ -26,6 +29,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from contextlib import asynccontextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
+from typing import TypeVar
 
 from aiohttp import hdrs, web
 
@@ -33,10 +37,18 @@ from tilefab.config.line import LineFile
 from tilefab.errors import ConfigError, TilefabError
 from tilefab.pipeline.line.log import LineLog
 from tilefab.pipeline.line.metrics import CONTENT_TYPE
-from tilefab.pipeline.line.orders import MOST_FACES_TOLD, LineControl, check_order
+from tilefab.pipeline.line.orders import (
+    MOST_FACES_TOLD,
+    LineControl,
+    check_correction,
+    check_order,
+    check_warning,
+)
 from tilefab.web.token import make_token, same_token
 
 _LARGEST_BODY = 16 << 10
+_LARGEST_CORRECTION = 2 << 20
+"""A drift state of 8 inks with its covariance is half a megabyte."""
 _BODY_TIMEOUT_S = 5.0
 _KEEPALIVE_S = 15.0
 _SHUTDOWN_S = 1.0
@@ -49,6 +61,7 @@ _BACKLOG = 8
 _SOCKET_MODE = 0o660
 
 _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+_Asked = TypeVar("_Asked")
 
 
 class LineApi:
@@ -75,8 +88,11 @@ class LineApi:
         self.app.router.add_get("/v1/status", self._status)
         self.app.router.add_get("/v1/alarms", self._alarms)
         self.app.router.add_get("/v1/faces", self._faces)
+        self.app.router.add_get("/v1/corrections", self._corrections)
         self.app.router.add_get("/metrics", self._metrics)
         self.app.router.add_post("/v1/commands", self._command)
+        self.app.router.add_post("/v1/corrections", self._correct)
+        self.app.router.add_post("/v1/warnings", self._warn)
 
     async def _status(self, _: web.Request) -> web.Response:
         return _json(self._control.status().to_json())
@@ -93,22 +109,18 @@ class LineApi:
     async def _metrics(self, _: web.Request) -> web.Response:
         return web.Response(body=self._control.metrics(), headers={hdrs.CONTENT_TYPE: CONTENT_TYPE})
 
+    async def _corrections(self, request: web.Request) -> web.Response:
+        text = request.query.get("run")
+        if text is not None and not (text.isascii() and text.isdigit() and len(text) <= 9 and int(text) >= 1):
+            return _error(400, "run must be the number of a run")
+        run_id, found = await self._control.corrections(None if text is None else int(text))
+        return _json({"run_id": run_id, "corrections": [asdict(correction) for correction in found]})
+
     async def _command(self, request: web.Request) -> web.Response:
-        # Before anything of the body is read.
-        refusal = self._unauthorised(request)
-        if refusal is not None:
-            return refusal
-        try:
-            async with asyncio.timeout(_BODY_TIMEOUT_S):
-                body = await request.read()
-            value = json.loads(body)
-            if not isinstance(value, dict) or not isinstance(name := value.pop("command", None), str):
-                return _error(400, 'give a JSON object with a "command"')
-            arguments = check_order(name, value)
-        except TimeoutError:
-            return _error(400, "the request came too slowly")
-        except (ValueError, RecursionError) as error:
-            return _error(400, str(error) or "not JSON")
+        asked = await self._asked(request, _checked_order)
+        if isinstance(asked, web.Response):
+            return asked
+        name, arguments = asked
         facts = {"command": name, "arguments": arguments, "via": _via(request)}
         try:
             done = await self._control.command(name, arguments)
@@ -117,6 +129,44 @@ class LineApi:
             return _error(409, error.message, exit_code=error.exit_code)
         self._log("order", **facts, done=done)
         return _json({"done": done})
+
+    async def _correct(self, request: web.Request) -> web.Response:
+        asked = await self._asked(request, check_correction, _LARGEST_CORRECTION)
+        if isinstance(asked, web.Response):
+            return asked
+        run_id, drift, reason = asked
+        facts = {"run_id": run_id, "reason": reason, "via": _via(request)}
+        try:
+            number = await self._control.correct(run_id, drift, reason)
+        except TilefabError as error:
+            self._log("correction refused", **facts, why=error.message)
+            return _error(409, error.message, exit_code=error.exit_code)
+        return _json({"number": number})
+
+    async def _warn(self, request: web.Request) -> web.Response:
+        asked = await self._asked(request, check_warning)
+        if isinstance(asked, web.Response):
+            return asked
+        code, text = asked
+        self._control.warn(code, text)
+        return _json({"done": f"{code} is up"})
+
+    async def _asked(
+        self, request: web.Request, check: Callable[[object], _Asked], largest: int = _LARGEST_BODY
+    ) -> _Asked | web.Response:
+        """What somebody with the token asks for, or the answer to whoever hasn't it, or asks wrongly."""
+        # Before anything of the body is read.
+        refusal = self._unauthorised(request)
+        if refusal is not None:
+            return refusal
+        try:
+            async with asyncio.timeout(_BODY_TIMEOUT_S):
+                body = await request.clone(client_max_size=largest).read()
+            return check(json.loads(body))
+        except TimeoutError:
+            return _error(400, "the request came too slowly")
+        except (ValueError, RecursionError) as error:
+            return _error(400, str(error) or "not JSON")
 
     def _unauthorised(self, request: web.Request) -> web.Response | None:
         scheme, _, given = request.headers.get(hdrs.AUTHORIZATION, "").partition(" ")
@@ -277,6 +327,12 @@ def _is_loopback(host: str) -> bool:
         return ipaddress.ip_address(name.strip("[]")).is_loopback
     except ValueError:
         return False
+
+
+def _checked_order(value: object) -> tuple[str, dict[str, object]]:
+    if not isinstance(value, dict) or not isinstance(name := value.pop("command", None), str):
+        raise ValueError('give a JSON object with a "command"')  # noqa: TRY004 - wrong data, not a wrong call
+    return name, check_order(name, value)
 
 
 def _json(value: Mapping[str, object]) -> web.Response:

@@ -15,8 +15,8 @@ _DEVICE = "daemon"
 _LARGEST_ANSWER = 4 << 20
 _LOOK_TIMEOUT_S = 3.0
 _ORDER_TIMEOUT_S = 15.0
-_QUEUE_TIMEOUT_S = 3600.0
-"""A queued job is prepared before the daemon answers."""
+_MAPS_TIMEOUT_S = 3600.0
+"""A queued job is prepared, and a correction's map made, before the daemon answers."""
 
 
 class OrderRefusedError(DeviceRefused):
@@ -73,9 +73,49 @@ class LineClient:
         DeviceError
             If no daemon answers, or it doesn't take the order from us.
         """
-        timeout_s = _QUEUE_TIMEOUT_S if name == "queue" else _ORDER_TIMEOUT_S
+        timeout_s = _MAPS_TIMEOUT_S if name == "queue" else _ORDER_TIMEOUT_S
         answer = self._ask("POST", "/v1/commands", {**arguments, "command": name}, timeout_s)
         return str(answer.get("done", ""))
+
+    def correct(self, run_id: int, drift: Mapping[str, object], reason: str) -> int:
+        """Have the coming faces of the present run printed for a press that has drifted; returns once they are.
+
+        Parameters
+        ----------
+        run_id
+            The present run.
+        drift
+            The drift, as in a drift state file.
+        reason
+            For people.
+
+        Returns
+        -------
+        int
+            Number of the correction.
+
+        Raises
+        ------
+        OrderRefusedError
+            If the line won't do so now.
+        DeviceError
+            As for `command`.
+        """
+        value = {"run_id": run_id, "drift": drift, "reason": reason}
+        answer = self._ask("POST", "/v1/corrections", value, _MAPS_TIMEOUT_S)
+        if not isinstance(number := answer.get("number"), int):
+            raise DeviceProtocolError(f"{self._path}: the daemon is of another version of tilefab", device=_DEVICE)
+        return number
+
+    def warn(self, code: str, text: str) -> None:
+        """Raise an alarm of an inspector; see `tilefab.pipeline.line.alarms.FROM_INSPECTION`.
+
+        Raises
+        ------
+        DeviceError
+            As for `command`.
+        """
+        self._ask("POST", "/v1/warnings", {"code": code, "text": text}, _ORDER_TIMEOUT_S)
 
     def _ask(
         self, method: str, path: str, value: Mapping[str, object] | None, timeout_s: float

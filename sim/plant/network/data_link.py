@@ -21,6 +21,7 @@ _CHUNK = 1 << 18
 _SOCKET_BYTES = 4 << 20
 _BUSY_S, _IDLE_S = 0.004, 0.05
 _CREDIT_STEPS, _TELL_S = 16, 0.02
+_MOST_KEPT = 64 << 20
 
 
 class _EndedError(Exception):
@@ -91,6 +92,7 @@ class _Connection:
         self._service = service
         self._peer = peer
         self._verify = service.config.printer.verify
+        self._keep = service.config.printer.keep_prints
         self._chunk = memoryview(bytearray(_CHUNK))
         self._arm = 0
         self._credit = -1
@@ -129,6 +131,8 @@ class _Connection:
                 armed = plant.head.armed(head.arm_id)
                 fits = armed is not None and head.row == armed.rows_received
                 digest = armed.digest.copy() if armed is not None and fits and armed.digest else hashlib.sha256()
+        # Whoever announces a larger strip than any face has isn't trusted with the memory.
+        data = bytearray() if self._keep and head.size <= _MOST_KEPT else None
         checksum = 0
         left = head.size
         while left:
@@ -141,12 +145,15 @@ class _Connection:
                 checksum = crc32(view[:got], checksum)
             if digest is not None:
                 digest.update(view[:got])
+            if data is not None:
+                data += view[:got]
         good = self._verify == "none" or checksum == head.crc32
         self._arm = head.arm_id
         with self._service.now() as plant:
             if not plant.head.taking(self._session):
                 raise _EndedError
-            code = plant.head.take(head.arm_id, head.row, head.rows, head.size, head.crc32 if good else None, digest)
+            checked = head.crc32 if good else None
+            code = plant.head.take(head.arm_id, head.row, head.rows, head.size, checked, digest, data)
         self._report(code)
 
     def _wait(self) -> None:

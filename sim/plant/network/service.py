@@ -7,14 +7,21 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sim.plant.config import PlantConfig
 from sim.plant.network.faults import MESSAGE_KINDS, Fault, FaultBook, Plan
+from sim.plant.physics.camera import FAULTS as CAMERA_FAULTS
+from sim.plant.physics.camera import Camera
 from sim.plant.physics.conveyor import Trouble
+from sim.plant.physics.firing import QUANTITIES
+from sim.plant.physics.flaws import Flaw
 from sim.plant.physics.plant import Plant
 from sim.plant.wire.tfp import Controller
 from sim.plant.wire.window import KilnWindow, PlcWindow, Window
+
+if TYPE_CHECKING:
+    from sim.plant.photographer import Photographer
 
 DEVICES = ("plc", "kiln", "printer", "gauge")
 _DOWN_S = 1.0
@@ -33,13 +40,19 @@ class Service:
         What the plant is like.
     wall
         The wall's clock, s.
+
+    Raises
+    ------
+    OSError
+        If the camera's folder can't be made.
     """
 
     def __init__(self, config: PlantConfig, wall: Callable[[], float] = time.monotonic) -> None:
         self.config = config
         self._wall = wall
         self._lock = threading.RLock()
-        self.plant = Plant(config, wall())
+        self.plant = Plant(config, wall(), time.time())
+        self.photographer = self._photographer(self.plant.camera)
         self.faults = FaultBook()
         self.plc = PlcWindow(self.plant.conveyor, check_words=config.plc.check_words)
         self.kiln = KilnWindow(self.plant.kiln, check_words=config.kiln.check_words)
@@ -51,6 +64,16 @@ class Service:
         self._boots: dict[str, int] = dict.fromkeys(DEVICES, 0)
         self._seeds = random.Random(config.loader.seed)
         self.on_stop: Callable[[], None] = lambda: None
+
+    def _photographer(self, camera: Camera | None) -> Photographer | None:
+        if camera is None:
+            return None
+        # Making images takes libraries that a plant without a camera does without.
+        from sim.plant.photographer import Photographer
+
+        photographer = Photographer(self.config.camera, self.config.kiln.press)
+        camera.on_photo = photographer.submit
+        return photographer
 
     @contextmanager
     def now(self) -> Iterator[Plant]:
@@ -84,9 +107,17 @@ class Service:
             drop()
 
     def close(self) -> None:
-        """Close the truth file."""
+        """Close the truth file, and end the making of images.
+
+        Raises
+        ------
+        RuntimeError
+            If an image could not be made.
+        """
         with self._lock:
             self.plant.close()
+        if self.photographer is not None:
+            self.photographer.close()
 
     # Commands
 
@@ -155,7 +186,13 @@ class Service:
             "gauge": {"tiles": plant.gauge.tiles, "readings": plant.gauge.readings},
             "faults_active": self.faults.active,
             "faults_struck": dict(self.faults.struck),
-        }
+        } | self._camera_state()
+
+    def _camera_state(self) -> dict[str, Any]:
+        camera, photographer = self.plant.camera, self.photographer
+        if camera is None or photographer is None:
+            return {}
+        return {"camera": {**camera.state(), **photographer.state(), "kept_bytes": self.plant.head.shelf.used}}
 
     def _do_truth(self, command: dict[str, Any]) -> dict[str, Any]:
         self.plant.truth.flush()
@@ -309,8 +346,29 @@ class Service:
             case "ink_refill":
                 for ink in range(len(head.ink)):
                     head.set_ink(ink, 1000.0)
-            case "nozzle_out" | "nozzle_ok":
-                head.set_nozzles(kind == "nozzle_out")
+            case "nozzle_out":
+                ink, noticed = int(command.get("ink", 0)), bool(command.get("noticed", True))
+                at, wide = float(command.get("at_mm", 20.0)), float(command.get("width_mm", 0.2))
+                head.set_nozzles(True, Flaw("nozzle", ink, at_mm=at, width_mm=wide), noticed=noticed)
+            case "nozzle_ok":
+                head.set_nozzles(False)
+            case "banding":
+                strength, period = float(command.get("strength", 0.1)), float(command.get("period_mm", 20.0))
+                head.set_banding(Flaw("banding", strength=strength, period_mm=period))
+            case "banding_ok":
+                head.set_banding(None)
+            case "double_print":
+                strength, shift = float(command.get("strength", 0.5)), float(command.get("shift_mm", 2.0))
+                head.print_twice(Flaw("double_print", strength=strength, shift_mm=shift), int(command.get("count", 1)))
+            case "firing_drift":
+                self._firing_drift(command)
+            case "camera_ok":
+                self._camera().mend()
+            case "camera_clock":
+                self._camera().clock_off_s += float(command["seconds"])
+            case kind if kind in CAMERA_FAULTS:
+                count = command.get("count")
+                self._camera().strike(kind, None if count is None else int(count))
             case "diverter_fault" | "diverter_ok":
                 conveyor.set_cause(Trouble.DIVERTER, kind == "diverter_fault")
             case "zone_drift":
@@ -323,3 +381,19 @@ class Service:
                 plant.kiln.blocked = kind == "kiln_block"
             case _:
                 raise CommandError(f"no fault {kind!r:.40}")
+
+    def _firing_drift(self, command: dict[str, Any]) -> None:
+        drift = self.plant.drift
+        if drift is None:
+            raise CommandError("no colours are fired here: the plant file has no kiln.press")
+        values = {full: float(command[short]) for short, full in QUANTITIES.items() if short in command}
+        if "ink" in command:
+            values[drift.ink_name(int(command["ink"]))] = float(command.get("strength", 0.05))
+        if not values:
+            raise CommandError(f"nothing drifts: name {', '.join(QUANTITIES)} or ink and strength")
+        drift.aim(self.plant.timeline.t, values, float(command.get("minutes", 10)) * 60)
+
+    def _camera(self) -> Camera:
+        if self.plant.camera is None:
+            raise CommandError("there is no camera: the plant file has no camera.folder")
+        return self.plant.camera

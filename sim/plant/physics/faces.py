@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
 
+from sim.plant.physics.flaws import Flaw
+
 
 class State(IntEnum):
     """How far an armed face has come."""
@@ -72,6 +74,8 @@ class Armed:
     rows_received: int = 0
     crc32: int = 0
     nozzle_out: bool = False
+    flaws: tuple[Flaw, ...] = ()
+    data: bytearray | None = field(default=None, repr=False)
     digest: Any = field(default=None, repr=False)
 
     @property

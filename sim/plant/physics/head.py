@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import random
 from collections import deque
@@ -11,6 +12,7 @@ from typing import Any
 from sim.plant.checks import crc32_joined
 from sim.plant.config import BeltConfig, PrinterConfig
 from sim.plant.physics.faces import ArmAnswer, Armed, Memory, Order, Seen, State, StripAnswer
+from sim.plant.physics.flaws import Flaw, KeptPrint, Shelf
 from sim.plant.physics.tiles import Print
 from sim.plant.physics.timeline import Timeline
 
@@ -56,9 +58,12 @@ class Head:
         self._on_count = on_count
         self._tile_there = tile_there
         self.memory = Memory()
+        self.shelf = Shelf(printer.keep_bytes if printer.keep_prints else 0)
         self.ink = [_FULL] * printer.inks
         self.e_stop_pressed = False
         self.nozzles_out = False
+        self.flaws: list[Flaw] = []
+        self._doubles: list[Flaw] = []
         self.boot_id = 0
         self.up = False
         self.power_up()
@@ -150,14 +155,42 @@ class Head:
         if permille <= 0 and self.up:
             self._latch("ink_out")
 
-    def set_nozzles(self, out: bool) -> None:
-        """A nozzle fails, or all are well again."""
-        self.nozzles_out = out
-        if out:
-            for armed in self.memory.arms.values():
-                armed.nozzle_out |= armed.state is State.PRINTING
-            if self.up:
-                self._latch("nozzle_out")
+    def set_nozzles(self, out: bool, flaw: Flaw | None = None, *, noticed: bool = True) -> None:
+        """A nozzle fails, or all are well again.
+
+        Parameters
+        ----------
+        out
+            Whether one fails.
+        flaw
+            What it leaves out, from now on; None for nothing to be seen.
+        noticed
+            Whether the controller finds out.
+        """
+        if not out:
+            self.nozzles_out = False
+            self.flaws = [other for other in self.flaws if other.kind != "nozzle"]
+            return
+        self.nozzles_out |= noticed
+        if flaw is not None:
+            self.flaws.append(flaw)
+        for armed in self.memory.arms.values():
+            if armed.state is State.PRINTING:
+                armed.nozzle_out = True
+                if flaw is not None:
+                    armed.flaws += (dataclasses.replace(flaw, from_row=self._rows_begun(armed)),)
+        if noticed and self.up:
+            self._latch("nozzle_out")
+
+    def set_banding(self, flaw: Flaw | None) -> None:
+        """From the next print on rows are stronger and weaker in turn, or even again."""
+        self.flaws = [other for other in self.flaws if other.kind != "banding"]
+        if flaw is not None:
+            self.flaws.append(flaw)
+
+    def print_twice(self, flaw: Flaw, count: int) -> None:
+        """So many of the next prints are laid down a second time."""
+        self._doubles += [flaw] * count
 
     def hold(self) -> None:
         """From now on no print starts."""
@@ -267,7 +300,9 @@ class Head:
             self._on_count("underruns")
         else:
             armed.state = State.PRINTING
-            armed.nozzle_out = self.nozzles_out
+            armed.nozzle_out = self.nozzles_out or any(flaw.kind == "nozzle" for flaw in self.flaws)
+            armed.flaws = (*self.flaws, *self._doubles[:1])
+            del self._doubles[:1]
             self._watch(armed)
 
     def _watch(self, armed: Armed) -> None:
@@ -313,9 +348,18 @@ class Head:
                     length_mm=armed.order.rows * armed.pitch_mm,
                     printed_mm=rows * armed.pitch_mm,
                     at=self._timeline.t,
+                    flaws=armed.flaws,
+                    kept=self._kept(armed, rows),
                 )
             )
-        armed.digest = None
+        armed.digest = armed.data = None
+
+    def _kept(self, armed: Armed, rows: int) -> KeptPrint | None:
+        if armed.data is None:
+            return None
+        order = armed.order
+        data = bytes(memoryview(armed.data)[: rows * armed.row_bytes])
+        return self.shelf.put(KeptPrint(data, order.cols, order.channels, order.bits, armed.pitch_mm))
 
     def _use_ink(self, armed: Armed, rows: int) -> None:
         if self._printer.ink_faces:
@@ -351,7 +395,16 @@ class Head:
             used += (armed.rows_received - min(done, armed.rows_received)) * armed.row_bytes
         return max(0, self._printer.buffer_bytes - used)
 
-    def take(self, arm_id: int, row: int, rows: int, size: int, crc32: int | None, digest: Any = None) -> StripAnswer:
+    def take(
+        self,
+        arm_id: int,
+        row: int,
+        rows: int,
+        size: int,
+        crc32: int | None,
+        digest: Any = None,
+        data: bytearray | None = None,
+    ) -> StripAnswer:
         """Take a strip that has arrived whole.
 
         Parameters
@@ -360,6 +413,8 @@ class Head:
             Checksum of its bytes; None if it isn't the one that was announced.
         digest
             The face's running SHA-256 with these bytes in it, where one is kept.
+        data
+            Its bytes, where prints are kept.
         """
         armed = self.armed(arm_id)
         if armed is None:
@@ -372,6 +427,11 @@ class Head:
             return StripAnswer.NO_CREDIT
         due = armed.start_x + armed.rows_received * armed.pitch_mm
         armed.margin_mm = min(armed.margin_mm, due - self._timeline.x)
+        if data is not None and armed.data is not None:
+            armed.data += data
+        else:
+            # Of a print that isn't there from its first row on nothing is kept.
+            armed.data = None if armed.rows_received else data
         armed.rows_received += rows
         armed.crc32 = crc32_joined(armed.crc32, crc32, size)
         if digest is not None:

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from sim.plant.config import KilnConfig
+from sim.plant.config import ZONES, KilnConfig
+from sim.plant.physics.firing import FiringDrift
 from sim.plant.physics.tiles import Tile
 from sim.plant.physics.timeline import Timeline
 
-ZONES = 8
 ROOM_DEGC = 20.0
 _NEAR_DEGC = 5.0
 _TOO_HOT_DEGC = 1260.0
 _HEATED_DEGC = 100.0
+_FIRING_ZONES = slice(5, 7)
+# A tile is hottest where the firing zones meet, and is at its peak for a tenth of its way.
+_PEAK_FRAC, _SOAK_FRAC = 6 / 8, 0.1
 
 
 class Zone:
@@ -117,6 +120,8 @@ class Kiln:
         Called with each tile that comes out, and whether it is whole.
     on_room
         Called with whether the kiln is full, whenever a tile goes in or out.
+    drift
+        How firing differs from normal besides; None if nobody looks at colours.
     """
 
     def __init__(
@@ -126,13 +131,17 @@ class Kiln:
         boots: random.Random,
         on_out: Callable[[Tile, bool], None],
         on_room: Callable[[bool], None],
+        drift: FiringDrift | None = None,
     ) -> None:
+        self._drift = drift
         self._timeline = timeline
         self._config = config
         self._boots = boots
         self._on_out = on_out
         self._on_room = on_room
-        self.zones = [Zone(config.start_degc, config.time_constant_min * 60) for _ in range(ZONES)]
+        start = config.zones_degc or (config.start_degc,) * ZONES
+        self.zones = [Zone(degc, config.time_constant_min * 60) for degc in start]
+        self._peak_degc = config.peak_degc or _mean(start[_FIRING_ZONES])
         self.ramp_degc_min = 10.0
         self.cycle_minutes = config.cycle_minutes
         self.inside = 0
@@ -207,7 +216,16 @@ class Kiln:
         whole = chance.random() >= config.break_rate
         self.inside += 1
         self._on_room(self.inside >= config.capacity)
-        self._timeline.at_time(self._timeline.t + minutes * 60, lambda: self._leave(tile, whole))
+        drift, now = self._drift, self._timeline.t
+        if drift is not None:
+            self._timeline.at_time(now + _PEAK_FRAC * minutes * 60, lambda: self._fire(tile, drift, minutes))
+        self._timeline.at_time(now + minutes * 60, lambda: self._leave(tile, whole))
+
+    def _fire(self, tile: Tile, drift: FiringDrift, minutes: float) -> None:
+        t = self._timeline.t
+        hotter = _mean(self.temperatures()[_FIRING_ZONES]) - self._peak_degc
+        longer = _SOAK_FRAC * (minutes - (self._config.normal_minutes or self._config.cycle_minutes))
+        tile.fired = drift.fired(t, tile.laid or drift.laid(t), hotter, longer)
 
     def _leave(self, tile: Tile, whole: bool) -> None:
         if self.blocked:
@@ -239,3 +257,7 @@ class Kiln:
             temperatures_degc=degc,
             cmd_ack=self._cmd_ack,
         )
+
+
+def _mean(degc: Sequence[float]) -> float:
+    return sum(degc) / len(degc)

@@ -7,7 +7,9 @@ from collections import deque
 from pathlib import Path
 
 from sim.plant.config import PlantConfig
+from sim.plant.physics.camera import Camera
 from sim.plant.physics.conveyor import Conveyor, Passage, Trouble
+from sim.plant.physics.firing import FiringDrift
 from sim.plant.physics.gauge import Gauge
 from sim.plant.physics.head import Head
 from sim.plant.physics.kiln import Kiln
@@ -27,9 +29,11 @@ class Plant:
         What it is like.
     wall
         Wall time of the start, in seconds of any monotonic clock.
+    epoch_s
+        The same in seconds since 1970, for the names of the camera's images.
     """
 
-    def __init__(self, config: PlantConfig, wall: float = 0.0) -> None:
+    def __init__(self, config: PlantConfig, wall: float = 0.0, epoch_s: float = 0.0) -> None:
         self.config = config
         belt = config.belt
         self.timeline = Timeline(config.clock.rate, wall)
@@ -47,7 +51,12 @@ class Plant:
         self.head = Head(self.timeline, belt, config.printer, boots, self._printed, self._count, self._tile_there)
         self.gauge = Gauge(config.gauge.seed)
         self.conveyor = Conveyor(self.timeline, belt, boots, self._driven)
-        self.kiln = Kiln(self.timeline, config.kiln, boots, self._fired, self.conveyor.kiln_fills)
+        kiln, camera = config.kiln, config.camera
+        self.drift = FiringDrift(config.printer.inks, kiln.walk_delta_e, kiln.seed) if kiln.press else None
+        self.kiln = Kiln(self.timeline, kiln, boots, self._fired, self.conveyor.kiln_fills, self.drift)
+        self.camera: Camera | None = None
+        if camera.folder:
+            self.camera = Camera(self.timeline, camera, epoch_s, config.loader.tile_width_mm)
 
     def advance(self, wall: float) -> None:
         """Bring everything up to a wall time (s)."""
@@ -99,6 +108,13 @@ class Plant:
     def _remove(self, tile: Tile) -> None:
         self._on_belt.remove(tile)
         self.truth.settle(tile, "removed", self.timeline.t)
+        self._forget_prints(tile)
+
+    def _forget_prints(self, tile: Tile) -> None:
+        """What was printed on a tile isn't kept any longer."""
+        for print_ in tile.prints:
+            self.head.shelf.take(print_.kept)
+            print_.kept = None
 
     # The loader
 
@@ -189,6 +205,11 @@ class Plant:
             print_.offset_mm = round(print_.start_x - best.lead_x - head, 6)
             print_.centre_mm = round(print_.offset_mm + (print_.length_mm - best.length_mm) / 2, 6)
         self.truth.printed(print_, best)
+        if best is None:
+            self.head.shelf.take(print_.kept)
+            print_.kept = None
+        elif self.drift is not None:
+            best.laid = self.drift.laid(self.timeline.t)
 
     # The diverter and what comes after
 
@@ -201,6 +222,8 @@ class Plant:
             self.truth.settle(tile, "passed" if passes else "diverted", self.timeline.t)
             if passes:
                 self._to_kiln(tile)
+            else:
+                self._forget_prints(tile)
 
     def _to_kiln(self, tile: Tile) -> None:
         def enter() -> None:
@@ -210,6 +233,9 @@ class Plant:
         self.timeline.at_travel(self.timeline.x + self.config.belt.diverter_to_kiln_mm, enter)
 
     def _fired(self, tile: Tile, whole: bool) -> None:
+        if self.camera is not None:
+            self.camera.see(tile, whole)
+        self._forget_prints(tile)
         self.truth.settle(tile, "fired" if whole else "broken", self.timeline.t)
         if whole:
             self.gauge.see(tile.id, self.kiln.temperatures())

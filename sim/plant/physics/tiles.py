@@ -10,6 +10,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from sim.plant.physics.firing import Fired, Laid
+from sim.plant.physics.flaws import Flaw, KeptPrint
+
 Fate = Literal["on_belt", "passed", "diverted", "in_kiln", "fired", "broken", "removed"]
 FINAL: frozenset[Fate] = frozenset({"diverted", "fired", "broken", "removed"})
 _MOST_NAMED = 1000
@@ -31,6 +34,10 @@ class Print:
         How far the belt still had to go to the first row when the face was armed.
     margin_mm
         How far it still had to go, at the least, to the first row of a strip that arrived.
+    flaws
+        What the head did wrong.
+    kept
+        The rows themselves, where they are kept.
     """
 
     arm: int
@@ -51,10 +58,12 @@ class Print:
     on_tile: bool = False
     offset_mm: float | None = None
     centre_mm: float | None = None
+    flaws: tuple[Flaw, ...] = ()
+    kept: KeptPrint | None = None
 
     def view(self) -> dict[str, Any]:
         """Its facts, ready for JSON."""
-        return {
+        facts = {
             "arm": self.arm,
             "face": self.face,
             "detect_seq": self.detect_seq,
@@ -71,11 +80,22 @@ class Print:
             "centre_mm": self.centre_mm,
             "at": self.at,
         }
+        return facts | {"flaws": [flaw.view() for flaw in self.flaws]} if self.flaws else facts
 
 
 @dataclass
 class Tile:
-    """One tile; `lead_x` is the belt's travel at which its leading edge passes the eye (mm)."""
+    """One tile.
+
+    Attributes
+    ----------
+    lead_x
+        The belt's travel at which its leading edge passes the eye (mm).
+    laid, fired
+        What it brought to the kiln, and how it was fired, in a plant whose colours are looked at.
+    photo
+        What the camera made of it; None if there is no camera or it didn't look.
+    """
 
     id: int
     lead_x: float
@@ -89,10 +109,13 @@ class Tile:
     decided_at: float | None = None
     ended_at: float | None = None
     change: int = 0
+    laid: Laid | None = None
+    fired: Fired | None = None
+    photo: dict[str, Any] | None = None
 
     def view(self) -> dict[str, Any]:
         """Its facts, ready for JSON."""
-        return {
+        facts: dict[str, Any] = {
             "id": self.id,
             "length_mm": self.length_mm,
             "fate": self.fate,
@@ -105,6 +128,11 @@ class Tile:
             "ended_at": self.ended_at,
             "change": self.change,
         }
+        if self.fired is not None:
+            facts["fired"] = self.fired.view()
+        if self.photo is not None:
+            facts["photo"] = self.photo
+        return facts
 
 
 class NumberSet:

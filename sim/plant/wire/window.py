@@ -11,8 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from zlib import crc32
 
+from sim.plant.config import ZONES
 from sim.plant.physics.conveyor import Command, Conveyor
-from sim.plant.physics.kiln import ZONES, Kiln, KilnCommand
+from sim.plant.physics.kiln import Kiln, KilnCommand
 
 _PROBE = 0x01020304
 _KILN_PROBE = 1234.5

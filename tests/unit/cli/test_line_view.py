@@ -27,6 +27,8 @@ def test_all_of_a_status_is_shown(width: int) -> None:
         assert word in text
     for word in ("198 a minute", "Blue", "50 %", "450", "781", "42 tiles", "plc", "3 errors", "not there yet", "Red"):
         assert word in text
+    for word in ("correction", "3, 12 min", "fired", "darker"):
+        assert word in text
     assert max(map(len, text.splitlines())) <= width
 
 
@@ -58,6 +60,9 @@ def test_a_line_without_anything_is_shown() -> None:
     assert "nothing queued" in text
     assert "ink" not in text
     assert "kiln" not in text
+    assert "correction" not in text
+    text = _shown(LineStatus(line="line 1", state="idle", since=NOW.isoformat(), version="0.1.0", run_id=3))
+    assert "correction  none" in text
 
 
 def test_a_state_of_another_version_is_shown_as_it_is() -> None:

@@ -18,7 +18,7 @@ from sqlalchemy import create_engine, text
 from tests import postgres_server
 from tilefab.control.ledger import MOST_FACES, OPEN, ArmState, FaceQueue, FaceStates
 from tilefab.errors import JournalError
-from tilefab.io import journal as journal_module
+from tilefab.io import journal_base
 from tilefab.io.journal import ArmChange, Intent, Journal, RunFacts, sqlite_url
 from tilefab.io.journal_schema import metadata
 from tilefab.io.journal_store import Store
@@ -269,6 +269,114 @@ def test_faces_left_out_are_gaps(journal: Journal) -> None:
     assert FaceQueue(states).remaining == MOST_FACES - 4
 
 
+def test_corrections_are_counted_by_run_and_outlive_the_daemon(url: str) -> None:
+    times = iter(range(1, 100))
+    clock = lambda: datetime(2026, 3, 1, second=next(times), tzinfo=UTC)  # noqa: E731
+    with Journal.open(url, line=LINE, now=clock) as journal:
+        first, second = journal.start_run(FACTS), journal.start_run(replace(FACTS, job_hash="other"))
+        assert journal.latest_correction(first) is None
+        made = [
+            journal.correct(run, press_key=key, drift=drift, reason=reason)
+            for run, key, drift, reason in (
+                (first, "aa", "{}", "fired darker"),
+                (second, "bb", "[]", "x" * 900),
+                (first, "cc", "{1}", ""),
+            )
+        ]
+        assert [(record.run_id, record.number) for record in made] == [(first, 1), (second, 1), (first, 2)]
+        assert made[1].reason == "x" * 500
+    with Journal.look(url, line=LINE) as journal:
+        assert journal.corrections(first) == [made[0], made[2]]
+        assert journal.corrections(first, [2, 7]) == [made[2]]
+        assert journal.corrections(second, []) == []
+        assert journal.latest_correction(first) == made[2]
+        assert made[2].made_at == datetime(2026, 3, 1, second=5, tzinfo=UTC)
+        assert [run.correction for run in journal.runs()] == [2, 1]
+        with pytest.raises(JournalError, match="has no run 77"):
+            journal.corrections(77)
+
+
+def test_a_finished_or_unknown_run_is_not_corrected(journal: Journal) -> None:
+    run_id = journal.start_run(FACTS)
+    journal.finish_run(run_id, abandoned=True)
+    with pytest.raises(JournalError, match="is finished"):
+        journal.correct(run_id, press_key="aa", drift="{}", reason="")
+    with pytest.raises(JournalError, match="has no run 77"):
+        journal.correct(77, press_key="aa", drift="{}", reason="")
+    assert journal.corrections(run_id) == []
+
+
+def test_an_arm_is_of_the_correction_it_was_put_down_with(journal: Journal) -> None:
+    run_id, other = journal.start_run(FACTS), journal.start_run(replace(FACTS, job_hash="other"))
+    journal.correct(other, press_key="aa", drift="{}", reason="of another run")
+    (plain,) = journal.intend(run_id, [(0, 1)])
+    for number in (1, 7):
+        with pytest.raises(JournalError, match=f"has no correction {number}"):
+            journal.intend(run_id, [(1, 1)], correction=number)
+    journal.correct(run_id, press_key="aa", drift="{}", reason="")
+    assert journal.intend(run_id, [(1, 1), (2, 1)], correction=1) == [
+        Intent(2, run_id, 1, 1, 1),
+        Intent(3, run_id, 2, 1, 1),
+    ]
+    bring(journal, plain, ArmState.UNPRINTED)
+    # A face that comes again comes with what is in use by then.
+    journal.intend(run_id, [(0, 2)], correction=1)
+    assert [(arm.face, arm.correction) for arm in journal.arms(run_id)] == [(0, 0), (1, 1), (2, 1), (0, 1)]
+    latest = journal.arm_of(run_id, 0)
+    assert latest is not None
+    assert (latest.attempt, latest.correction) == (2, 1)
+    assert journal.arm_of(run_id, 9) is None
+
+
+def test_it_is_kept_when_faces_were_printed_and_passed(url: str) -> None:
+    times = iter(range(1, 100))
+    clock = lambda: datetime(2026, 3, 1, second=next(times), tzinfo=UTC)  # noqa: E731
+    with Journal.open(url, line=LINE, now=clock) as journal:
+        run_id = journal.start_run(FACTS)
+        arms = journal.intend(run_id, [(face, 1) for face in range(5)])
+        journal.mark([ArmChange(arms[0].arm_id, ArmState.PRINTED)])
+        journal.mark([ArmChange(arms[0].arm_id, ArmState.PRINTED, tile_seq=4)])  # more facts, no other time
+        journal.mark([ArmChange(arms[0].arm_id, ArmState.PASSED)])
+        journal.mark([ArmChange(arms[1].arm_id, ArmState.PRINTED), ArmChange(arms[1].arm_id, ArmState.DIVERTED)])
+        journal.mark([ArmChange(arms[2].arm_id, ArmState.PARTIAL)])
+        journal.mark([ArmChange(arms[3].arm_id, ArmState.IN_DOUBT)])
+        journal.settle(run_id, 3, ArmState.PASSED)
+        found = {arm.face: (arm.printed_at, arm.passed_at) for arm in journal.arms()}
+        again = journal.prints(run_id)
+
+    def at(second: int) -> datetime:
+        return datetime(2026, 3, 1, second=second, tzinfo=UTC)
+
+    assert found == {0: (at(3), at(5)), 1: (at(6), None), 2: (None, None), 3: (None, None), 4: (None, None)}
+    assert [(print_.face, print_.state, print_.printed_at, print_.passed_at) for print_ in again] == [
+        (0, ArmState.PASSED, at(3), at(5)),
+        (1, ArmState.DIVERTED, at(6), None),
+    ]
+
+
+def test_prints_are_found_by_run_and_time(url: str) -> None:
+    times = iter([*range(20), 5, *range(20, 60)])  # the clock is put back once
+    clock = lambda: datetime(2026, 3, 1, second=next(times), tzinfo=UTC)  # noqa: E731
+    with Journal.open(url, line=LINE, now=clock) as journal:
+        first, second = journal.start_run(FACTS), journal.start_run(replace(FACTS, job_hash="other"))
+        journal.correct(first, press_key="aa", drift="{}", reason="")
+        arms = journal.intend(first, [(face, 1) for face in range(4)], correction=1) + journal.intend(second, [(0, 1)])
+        for arm in (*arms[:3], arms[4]):
+            bring(journal, arm, ArmState.PRINTED)
+    with Journal.look(url, line=LINE) as journal:
+        everything = journal.prints()
+        assert [(found.run_id, found.face, found.attempt, found.correction) for found in everything] == [
+            (first, 0, 1, 1),
+            (first, 1, 1, 1),
+            (first, 2, 1, 1),
+            (second, 0, 1, 0),
+        ]
+        assert journal.prints(first) == everything[:3]
+        assert journal.prints(since=everything[1].printed_at) == everything[1:]
+        assert journal.prints(first, since=everything[1].printed_at) == everything[1:3]
+        assert journal.prints(second, since=datetime(2026, 3, 2, tzinfo=UTC)) == []
+
+
 def test_an_operator_orders_a_reprint(journal: Journal) -> None:
     run_id = journal.start_run(FACTS)
     (arm,) = journal.intend(run_id, [(0, 1)])
@@ -336,8 +444,8 @@ def test_a_run_is_finished_only_when_nothing_is_left(journal: Journal) -> None:
 
 
 def test_notes_are_bounded_but_the_newest_of_each_kind_stays(journal: Journal, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(journal_module, "MOST_NOTES", 20)
-    monkeypatch.setattr(journal_module, "_TIDY_EVERY", 10)
+    monkeypatch.setattr(journal_base, "MOST_NOTES", 20)
+    monkeypatch.setattr(journal_base, "_TIDY_EVERY", 10)
     journal.note("calibrated", offset=-3, where=Path("/x"))
     journal.note("state", state="running")
     for number in range(98):

@@ -112,6 +112,10 @@ def test_the_oldest_database_is_brought_up_to_date(tmp_path: Path) -> None:
         first, second = journal.arms(1)
         assert (first.state, first.data_crc32, first.reason) == (ArmState.PASSED, 77, "why")
         assert (second.state, second.detect_seq) == (ArmState.ARMED, 2)
+        assert (first.correction, first.printed_at, first.passed_at) == (0, None, None)
+        assert journal.prints() == []
+        assert journal.correct(1, press_key="aa", drift="{}", reason="why").number == 1
+        assert journal.runs()[0].correction == 1
         assert journal.face_states(1).reprints == ((0, 1),)
         assert journal.intend(1, [(0, 2), (2, 1)])[1].arm_id == 14
         assert journal.notes()[0].detail == {"state": "running"}

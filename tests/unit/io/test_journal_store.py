@@ -9,6 +9,7 @@ import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -302,6 +303,24 @@ def test_a_store_is_undone_as_a_whole_when_the_work_fails(path: Path) -> None:
             assert connection.exec_driver_sql("SELECT count(*) FROM arms").scalar() == 5
     finally:
         store.close()
+
+
+def test_recent_prints_are_found_without_reading_the_others(path: Path) -> None:
+    read: list[str] = []
+
+    def explain(_: object, cursor: sqlite3.Cursor, statement: str, values: tuple[object, ...], *__: object) -> None:
+        if statement.startswith("SELECT") and "printed_ms >=" in statement:
+            plan = cursor.connection.execute(f"EXPLAIN QUERY PLAN {statement}", values)
+            read.append(" ".join(row[3] for row in plan))
+
+    with begun(path) as journal:
+        run_id = journal.start_run(FACTS)
+        assert journal._store._engine is not None
+        event.listen(journal._store._engine, "after_cursor_execute", explain)
+        journal.prints(since=datetime(2026, 3, 1, tzinfo=UTC))
+        journal.prints(run_id, since=datetime(2026, 3, 1, tzinfo=UTC))
+    assert len(read) == 2
+    assert all("ix_arms_printed" in plan and "printed_ms>?" in plan for plan in read), read
 
 
 def test_arms_not_settled_are_found_without_reading_the_others(path: Path) -> None:

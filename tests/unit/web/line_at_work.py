@@ -13,7 +13,7 @@ from tests.unit.pipeline.line.test_status import FULL
 from tilefab.config import LineFile, load_line
 from tilefab.errors import InterlockError
 from tilefab.pipeline.line.log import LineLog
-from tilefab.pipeline.line.status import AlarmView, FaceView, LineStatus
+from tilefab.pipeline.line.status import AlarmView, CorrectionView, FaceView, LineStatus
 from tilefab.web.api import serve_api
 
 LINE = """\
@@ -36,6 +36,8 @@ class Control:
 
     def __init__(self) -> None:
         self.orders: list[tuple[str, Mapping[str, object]]] = []
+        self.corrected: list[tuple[int, Mapping[str, object], str]] = []
+        self.warned: list[tuple[str, str]] = []
         self.refuse = ""
         self.defect = ""
         self.asked_for = 0
@@ -61,6 +63,22 @@ class Control:
 
     def alarms(self) -> Sequence[AlarmView]:
         return FULL.alarms
+
+    async def correct(self, run_id: int, drift: Mapping[str, object], reason: str) -> int:
+        await asyncio.sleep(0)
+        if self.refuse:
+            raise InterlockError(self.refuse, device="line")
+        self.corrected.append((run_id, drift, reason))
+        return len(self.corrected)
+
+    async def corrections(self, run_id: int | None) -> tuple[int, Sequence[CorrectionView]]:
+        if run_id == 99:
+            raise InterlockError("it has no run 99", device="line")
+        assert FULL.correction is not None
+        return run_id or 7, (FULL.correction,)
+
+    def warn(self, code: str, text: str) -> None:
+        self.warned.append((code, text))
 
 
 def line_file(folder: Path, text: str = LINE) -> LineFile:

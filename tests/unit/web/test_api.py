@@ -174,6 +174,113 @@ def test_bodies_are_bounded(tmp_path: Path) -> None:
     asyncio.run(scenario())
 
 
+CORRECTION = {"run_id": 7, "drift": {"mean": [0.0]}, "reason": "fired darker"}
+WARNING = {"code": "defect_run", "text": "a line at 41 mm"}
+
+
+@pytest.mark.parametrize(("path", "value"), [("/v1/corrections", CORRECTION), ("/v1/warnings", WARNING)])
+def test_corrections_and_warnings_need_the_token(tmp_path: Path, path: str, value: dict[str, object]) -> None:
+    async def scenario() -> None:
+        control = Control()
+        async with at_work(tmp_path, control) as (file, _):
+            body = json.dumps(value).encode()
+            token = read_token(file.token_path)
+            assert (await ask(file.socket_path, f"POST {path}", body))[0] == 401
+            assert (await ask(file.socket_path, f"POST {path}", body, Authorization=f"Bearer {token}x"))[0] == 403
+            assert not control.corrected
+            assert not control.warned
+            code, _, answer = await ask(file.socket_path, f"POST {path}", body, Authorization=f"Bearer {token}")
+            assert code == 200
+            if path == "/v1/corrections":
+                assert json.loads(answer) == {"number": 1}
+                assert control.corrected == [(7, {"mean": [0.0]}, "fired darker")]
+            else:
+                assert control.warned == [("defect_run", "a line at 41 mm")]
+
+    asyncio.run(scenario())
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "words"),
+    [
+        ("/v1/corrections", [], "give a JSON object"),
+        ("/v1/corrections", {}, "run_id, drift, reason, and nothing else"),
+        ("/v1/corrections", {**CORRECTION, "command": "start"}, "nothing else"),
+        ("/v1/corrections", {**CORRECTION, "run_id": 0}, "run_id must be a whole number"),
+        ("/v1/corrections", {**CORRECTION, "run_id": True}, "run_id must be a whole number"),
+        ("/v1/corrections", {**CORRECTION, "drift": [1]}, "drift must be"),
+        ("/v1/corrections", {**CORRECTION, "reason": ""}, "reason must be 1 to 500"),
+        ("/v1/corrections", {**CORRECTION, "reason": "a\nb"}, "printable"),
+        ("/v1/corrections", {**CORRECTION, "reason": "x" * 501}, "reason must be"),
+        ("/v1/warnings", {"code": "defect_run"}, "code, text, and nothing else"),
+        ("/v1/warnings", {"code": "e_stop", "text": "x"}, "code must be one of camera_folder"),
+        ("/v1/warnings", {"code": ["defect_run"], "text": "x"}, "code must be one of"),
+        ("/v1/warnings", {"code": "defect_run", "text": 3}, "text must be"),
+    ],
+)
+def test_wrong_corrections_and_warnings_are_refused_in_words(
+    tmp_path: Path, path: str, value: object, words: str
+) -> None:
+    async def scenario() -> None:
+        control = Control()
+        async with at_work(tmp_path, control) as (file, _):
+            right = {"Authorization": f"Bearer {read_token(file.token_path)}"}
+            code, _, answer = await ask(file.socket_path, f"POST {path}", json.dumps(value).encode(), **right)
+            assert code == 400
+            assert words in json.loads(answer)["error"]
+            assert not control.corrected
+            assert not control.warned
+
+    asyncio.run(scenario())
+
+
+def test_a_refused_correction_tells_why_and_is_logged(tmp_path: Path) -> None:
+    async def scenario() -> str:
+        control = Control()
+        control.refuse = "the last one is too recent"
+        async with at_work(tmp_path, control) as (file, stream):
+            right = {"Authorization": f"Bearer {read_token(file.token_path)}"}
+            body = json.dumps(CORRECTION).encode()
+            code, _, answer = await ask(file.socket_path, "POST /v1/corrections", body, **right)
+            assert (code, json.loads(answer)) == (409, {"error": "the last one is too recent", "exit_code": 10})
+        return stream.getvalue()
+
+    log = asyncio.run(scenario())
+    assert '"kind": "correction refused"' in log
+    assert "fired darker" in log
+
+
+def test_corrections_may_be_larger_than_orders_but_not_too_large(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        control = Control()
+        async with at_work(tmp_path, control) as (file, _):
+            right = {"Authorization": f"Bearer {read_token(file.token_path)}"}
+            for size, wanted in ((1 << 20, 200), (3 << 20, 413)):
+                body = json.dumps({**CORRECTION, "drift": {"note": "x" * size}}).encode()
+                assert (await ask(file.socket_path, "POST /v1/corrections", body, **right))[0] == wanted
+            assert len(control.corrected) == 1
+            body = json.dumps({**WARNING, "text": "x" * (17 << 10)}).encode()
+            assert (await ask(file.socket_path, "POST /v1/warnings", body, **right))[0] == 413
+
+    asyncio.run(scenario())
+
+
+def test_anybody_may_see_the_corrections_of_a_run(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        async with at_work(tmp_path, Control()) as (file, _):
+            for query, run_id in (("", 7), ("?run=3", 3)):
+                code, _, answer = await ask(file.socket_path, f"GET /v1/corrections{query}")
+                assert code == 200
+                told = json.loads(answer)
+                assert told["run_id"] == run_id
+                assert [found["number"] for found in told["corrections"]] == [3]
+            for run in ("0", "-1", "x", "1.5", "9999999999", ""):
+                assert (await ask(file.socket_path, f"GET /v1/corrections?run={quote(run)}"))[0] == 400
+            assert (await ask(file.socket_path, "GET /v1/corrections?run=99"))[0] == 409
+
+    asyncio.run(scenario())
+
+
 def test_a_body_that_never_comes_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(api_module, "_BODY_TIMEOUT_S", 0.1)
 

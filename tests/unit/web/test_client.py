@@ -41,6 +41,25 @@ def test_it_looks_and_orders(tmp_path: Path) -> None:
     asyncio.run(scenario())
 
 
+def test_it_corrects_and_warns(tmp_path: Path) -> None:
+    async def scenario() -> None:
+        control = Control()
+        async with at_work(tmp_path, control) as (file, _):
+            client = LineClient(file.socket_path, read_token(file.token_path))
+            drift = {"mean": [0.25] * 20_000}
+            assert await asyncio.to_thread(client.correct, 7, drift, "fired darker") == 1
+            assert control.corrected == [(7, drift, "fired darker")]
+            await asyncio.to_thread(client.warn, "camera_silent", "no image for 10 min")
+            assert control.warned == [("camera_silent", "no image for 10 min")]
+            with pytest.raises(DeviceRefused, match="code must be one of"):
+                await asyncio.to_thread(client.warn, "e_stop", "boo")
+            control.refuse = "too soon"
+            with pytest.raises(OrderRefusedError, match="too soon"):
+                await asyncio.to_thread(client.correct, 7, drift, "again")
+
+    asyncio.run(scenario())
+
+
 def test_without_a_daemon_it_says_so(tmp_path: Path) -> None:
     with pytest.raises(DeviceTimeout, match="no daemon runs on this line") as caught:
         LineClient(tmp_path / "line.sock").status()

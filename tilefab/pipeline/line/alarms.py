@@ -28,6 +28,7 @@ class AlarmText:
 _THEN_RESUME = "Then acknowledge and resume."
 _CABLES = "See to its power and cable. The line notices by itself when it is back; then acknowledge and resume."
 _CLEAR_BELT = "Look at the belt between eye and diverter and put right what lies wrong; take off what can't stay."
+_LINE_GOES_ON = "The line goes on."
 _SCRAP = "Tiles whose place isn't known any more go to scrap by themselves."
 
 ALARMS: Mapping[str, AlarmText] = {
@@ -254,6 +255,65 @@ ALARMS: Mapping[str, AlarmText] = {
         "Faces printed meanwhile may come again.",
         "Compare the last tiles with the journal before going on. Then acknowledge.",
     ),
+    "camera_silent": AlarmText(
+        "The camera is silent",
+        f"Tiles should be leaving the kiln, but no image of one has come for a while. {_LINE_GOES_ON} Colours aren't "
+        "corrected meanwhile.",
+        "See whether tiles leave the kiln, and to the camera's power, cable, trigger and disk; acknowledge.",
+    ),
+    "camera_folder": AlarmText(
+        "The camera's folder can't be read",
+        f"The folder that images come to isn't there or can't be read. {_LINE_GOES_ON} Nothing is inspected meanwhile.",
+        "See to the folder that the line's file names under [camera], and its permissions; acknowledge.",
+    ),
+    "inspection_images": AlarmText(
+        "Images can't be used",
+        "Several images in a row are black, blown out, torn, or show no tile or more than one. "
+        f"{_LINE_GOES_ON} Their tiles aren't inspected, and colours aren't corrected by them.",
+        "Look at the last images: clean the lens, see to light, exposure and trigger; acknowledge.",
+    ),
+    "inspection_strangers": AlarmText(
+        "Tiles aren't recognised",
+        f"Several tiles in a row show no face that was printed lately. {_LINE_GOES_ON} Nothing is learnt from them.",
+        "See whether other tiles went through the kiln, whether the camera sees the right side of them sharply, and "
+        "whether its clock is right; acknowledge.",
+    ),
+    "inspection_behind": AlarmText(
+        "Inspection is behind",
+        f"Images come faster than they are inspected; some are left out. {_LINE_GOES_ON}",
+        "See what keeps the computer busy; acknowledge.",
+    ),
+    "inspection_run": AlarmText(
+        "A run can't be inspected",
+        "The job of a run, its maps or its profile can't be opened as they were printed from: the alarm's text says "
+        f"why. {_LINE_GOES_ON} The run's tiles aren't inspected.",
+        "Put right what the text says; the inspector tries again. Acknowledge.",
+    ),
+    "colour_held": AlarmText(
+        "Corrections are held",
+        "What is seen of the tiles' colours is too old, too contradictory or too unlikely to correct by: the alarm's "
+        f"text says which. {_LINE_GOES_ON} Coming faces are printed with the last correction.",
+        "Compare a tile with its proof, and see to kiln and camera; acknowledge. Corrections go on by themselves once "
+        "what is seen makes sense again.",
+    ),
+    "colour_signal": AlarmText(
+        "Colours go astray",
+        "The tiles' colours differ from what was predicted by more than chance explains: a control chart gave a "
+        f"signal. {_LINE_GOES_ON}",
+        "See whether kiln, glaze, ink or moisture changed; compare a tile with its proof, and hold the line if it is "
+        "bad. Acknowledge.",
+    ),
+    "defect_run": AlarmText(
+        "The same defect on several tiles",
+        f"Several of the last tiles have the same defect, such as a line of a failed nozzle. {_LINE_GOES_ON}",
+        "Clean the head at that place, or see to what the text says; hold the line if tiles are scrap. Acknowledge.",
+    ),
+    "correction_refused": AlarmText(
+        "A correction was refused",
+        f"The inspector's correction wasn't taken: the alarm's text says why. {_LINE_GOES_ON} Coming faces are printed "
+        "as before.",
+        "Put right what the text says; acknowledge.",
+    ),
     "defect": AlarmText(
         "A defect of tilefab",
         "Something happened in the daemon that must not happen. It stopped the line.",
@@ -261,6 +321,22 @@ ALARMS: Mapping[str, AlarmText] = {
     ),
 }
 """By code, in the order in which they are documented."""
+
+FROM_INSPECTION = frozenset(
+    {
+        "camera_silent",
+        "camera_folder",
+        "inspection_images",
+        "inspection_strangers",
+        "inspection_behind",
+        "inspection_run",
+        "colour_held",
+        "colour_signal",
+        "defect_run",
+        "correction_refused",
+    }
+)
+"""Codes of alarms that the inspector raises from outside the daemon. None of them stops the line."""
 
 GENERAL = AlarmText(
     "Something is wrong",

@@ -12,6 +12,7 @@ from tilefab.devices import PrinterDataLink, PrinterSession
 from tilefab.errors import InterlockError, TilefabError
 from tilefab.pipeline.line.bring_up import PRINT_SPOILT, TILES_MOVED, BringUp
 from tilefab.pipeline.line.conveyor_loop import ConveyorLoop
+from tilefab.pipeline.line.correcting import Corrector
 from tilefab.pipeline.line.host import LineHost
 from tilefab.pipeline.line.jobs import check_printer, print_job
 from tilefab.pipeline.line.keeper import JournalKeeper
@@ -40,6 +41,8 @@ class Arming:
         The journal.
     work
         The present run.
+    corrector
+        Its corrections.
     printer, conveyor, kiln
         Loops of the devices.
     data_endpoint
@@ -55,6 +58,7 @@ class Arming:
         host: LineHost,
         keeper: JournalKeeper,
         work: PresentRun,
+        corrector: Corrector,
         printer: PrinterLoop,
         conveyor: ConveyorLoop,
         kiln: KilnLoop | None,
@@ -62,7 +66,7 @@ class Arming:
         tell: Callable[..., None],
         probe: Probe = nothing,
     ) -> None:
-        self._host, self._keeper, self._work = host, keeper, work
+        self._host, self._keeper, self._work, self._corrector = host, keeper, work, corrector
         self._printer, self._conveyor, self._kiln = printer, conveyor, kiln
         self._data_endpoint, self._tell, self._probe = data_endpoint, tell, probe
         self.session = 0
@@ -133,6 +137,7 @@ class Arming:
         await self.close_streamer()
         await wires.read()
         await written()
+        await self._corrector.keep_up()
         await self.begin_session()
         wires.printer.renew()
         await wires.read()
@@ -153,8 +158,8 @@ class Arming:
             raise
         book.coming = 0
         self.streamer = self._new_streamer(source)
-        for arm_id, face in found.streaming:
-            self.streamer.submit(arm_id, face)
+        for arm_id, face, correction in found.streaming:
+            self.streamer.submit(arm_id, face, correction)
         self._conveyor.settings = job.belt
         self._printer.begin_at(found.calibration, print_job(job, source, identity))
         self._conveyor.begin_at(found.calibration)

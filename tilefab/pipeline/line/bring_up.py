@@ -56,12 +56,12 @@ class BroughtUp:
     in_doubt
         Faces that had to be marked in doubt.
     streaming
-        Arms that the printer still holds, and their faces, to be sent on.
+        Arms that the printer still holds, with their faces and corrections, to be sent on.
     """
 
     calibration: Calibration
     in_doubt: tuple[int, ...]
-    streaming: tuple[tuple[int, int], ...]
+    streaming: tuple[tuple[int, int, int], ...]
 
 
 class BringUp:
@@ -76,7 +76,7 @@ class BringUp:
     ask_printer
         Runs something with the printer's new session.
     checksum
-        CRC-32 of a face of the present run.
+        CRC-32 of a face of the present run with one of its corrections.
     probe
         See `tilefab.pipeline.line.probe`.
     """
@@ -86,7 +86,7 @@ class BringUp:
         keeper: JournalKeeper,
         read: Callable[[], Awaitable[tuple[PrinterStatus, PlcStatus]]],
         ask_printer: Callable[[Callable[[PrinterSession], Awaitable[None]]], Awaitable[None]],
-        checksum: Callable[[int], int],
+        checksum: Callable[[int, int], int],
         probe: Probe = nothing,
     ) -> None:
         self._keeper, self._read, self._ask_printer = keeper, read, ask_printer
@@ -158,7 +158,11 @@ class BringUp:
         return BroughtUp(
             calibration,
             tuple(by_id[v.arm_id].face for v in found.verdicts if v.state is ArmState.IN_DOUBT),
-            tuple((arm, by_id[arm].face) for arm in sorted(found.continuing) if by_id[arm].run_id == book.run_id),
+            tuple(
+                (arm, by_id[arm].face, by_id[arm].correction)
+                for arm in sorted(found.continuing)
+                if by_id[arm].run_id == book.run_id
+            ),
         )
 
     async def _last_calibration(self) -> tuple[Calibration | None, bool, bool]:
@@ -199,16 +203,16 @@ class BringUp:
             record = records[verdict.arm_id]
             if verdict.state is not ArmState.PRINTED or verdict.arm_id not in waiting:
                 continue
-            if record.run_id == book.run_id and await self._sum_of(record.face) == verdict.data_crc32:
+            if record.run_id == book.run_id and await self._sum_of(record) == verdict.data_crc32:
                 continue
             del waiting[verdict.arm_id]
             reason = "its data can't be checked" if record.run_id != book.run_id else "printed from other data"
             verdicts.append(Verdict(verdict.arm_id, ArmState.DIVERTED, f"{reason}: its tile is never released"))
         return Reconciliation(tuple(verdicts), waiting, found.continuing)
 
-    async def _sum_of(self, face: int) -> int:
-        """Render a face for its checksum, beside the loop: that takes longer than the devices' patience."""
-        work = asyncio.ensure_future(asyncio.to_thread(self._checksum, face))
+    async def _sum_of(self, record: ArmRecord) -> int:
+        """Render an arm's face for its checksum, beside the loop: that takes longer than the devices' patience."""
+        work = asyncio.ensure_future(asyncio.to_thread(self._checksum, record.face, record.correction))
         try:
             return await asyncio.shield(work)
         except asyncio.CancelledError:
@@ -243,7 +247,7 @@ class BringUp:
         """Set the book to what was found."""
         known, book.active = book.active, {}
         for record in records:
-            intent = Intent(record.arm_id, record.run_id, record.face, record.attempt)
+            intent = Intent(record.arm_id, record.run_id, record.face, record.attempt, record.correction)
             before = known.get(record.arm_id)
             if record.arm_id in found.waiting:
                 book.active[record.arm_id] = ActiveArm(

@@ -18,6 +18,8 @@ from tilefab.errors import InterlockError, JournalError, TilefabError
 from tilefab.pipeline.line.arming import Arming
 from tilefab.pipeline.line.book import FaceBook
 from tilefab.pipeline.line.conveyor_loop import ConveyorLoop
+from tilefab.pipeline.line.correcting import Corrector
+from tilefab.pipeline.line.correction_maps import CorrectionMaps, KeptMaps
 from tilefab.pipeline.line.device_link import DeviceLink
 from tilefab.pipeline.line.gauge_loop import GaugeLoop
 from tilefab.pipeline.line.jobs import LineJob, open_job
@@ -80,6 +82,8 @@ class LineDaemon:
         See `tilefab.pipeline.line.probe`.
     open_source
         Opens the faces of a job; blocking, run in a thread.
+    correction_maps
+        Where the maps of corrections come from; by default the run's own folder.
     """
 
     def __init__(
@@ -90,6 +94,7 @@ class LineDaemon:
         log: Log = no_log,
         probe: Probe = nothing,
         open_source: Callable[[LineJob, int], FaceSource] = open_job,
+        correction_maps: CorrectionMaps | None = None,
     ) -> None:
         settings = line_file.line
         self.line_file = line_file
@@ -98,6 +103,8 @@ class LineDaemon:
         self.keeper = JournalKeeper(line_file.journal_url, settings.line.name, probe)
         rows = settings.line.stream_strip_rows
         self.work = PresentRun(self, self.keeper, jobs, open_source, rows, probe)
+        maps = correction_maps if correction_maps is not None else KeptMaps()
+        self.corrector = Corrector(line_file, self.keeper, self.work, maps, self.tell, probe)
         self.printer = PrinterLoop(self, self.keeper, probe)
         self.conveyor = ConveyorLoop(self, self.keeper, probe)
         self.conveyor.edges = self.printer.edges
@@ -118,7 +125,16 @@ class LineDaemon:
             self.kiln = KilnLoop(self, settings.kiln.limits, settings.kiln.tolerance_degc)
         data_endpoint = settings.printer.data
         self.arming = Arming(
-            self, self.keeper, self.work, self.printer, self.conveyor, self.kiln, data_endpoint, self.tell, probe
+            self,
+            self.keeper,
+            self.work,
+            self.corrector,
+            self.printer,
+            self.conveyor,
+            self.kiln,
+            data_endpoint,
+            self.tell,
+            probe,
         )
         self.wires = Wires(
             line_file,
@@ -402,6 +418,9 @@ class LineDaemon:
             book = self.work.book
             if book is None:
                 continue
+            if self.moving:
+                # At rest arms may be under way that the book doesn't know of yet.
+                self.corrector.let_go(self.streamer)
             if self.may_print:
                 self.work.expect(book)
             if self.line.state is LineState.RUNNING:

@@ -15,13 +15,20 @@ import tilefab
 from tilefab.control import line_machine as machine
 from tilefab.control.ledger import ArmState
 from tilefab.errors import InterlockError, JournalError
-from tilefab.io.journal import ArmRecord, Journal, RunRecord
+from tilefab.io.journal import ArmRecord, CorrectionRecord, Journal, RunRecord
 from tilefab.pipeline.line.alarms import alarm_text
 from tilefab.pipeline.line.daemon import LineDaemon, Log
 from tilefab.pipeline.line.device_link import LinkFacts
 from tilefab.pipeline.line.jobs import prepare_job
 from tilefab.pipeline.line.metrics import LineCounters, metrics_text
-from tilefab.pipeline.line.status import AlarmView, DeviceView, DoubtView, FaceView, LineStatus
+from tilefab.pipeline.line.status import (
+    AlarmView,
+    CorrectionView,
+    DeviceView,
+    DoubtView,
+    FaceView,
+    LineStatus,
+)
 
 _T = TypeVar("_T")
 _LAST_FACES = 12
@@ -114,6 +121,7 @@ class Desk:
         )
         kiln = daemon.kiln.status if daemon.kiln is not None else None
         alarms = tuple(self.alarms())
+        correction = daemon.work.correction
         return LineStatus(
             line=daemon.line_file.name,
             state=line.state.value,
@@ -126,6 +134,7 @@ class Desk:
             counts=self._counts,
             in_doubt=self._in_doubt,
             faces_in_doubt=self._doubts,
+            correction=_correction(correction) if correction is not None else None,
             belt_running=plc is not None and plc.belt_running,
             belt_speed_mm_s=plc.belt_speed_mm_s if plc is not None else 0.0,
             faces_per_minute=daemon.throughput.per_minute,
@@ -207,6 +216,20 @@ class Desk:
             )
             for alarm in self._attended().line.alarms
         ]
+
+    async def correct(self, run_id: int, drift: Mapping[str, object], reason: str) -> int:
+        """Correct the colours of coming faces; see `LineControl.correct`."""
+        return await self._attended().corrector.correct(run_id, drift, reason)
+
+    async def corrections(self, run_id: int | None) -> tuple[int, Sequence[CorrectionView]]:
+        """A run and its corrections; see `LineControl.corrections`."""
+        run = await self._run(run_id)
+        found = await self._read(lambda journal: journal.corrections(run.run_id))
+        return run.run_id, [_correction(record) for record in found]
+
+    def warn(self, code: str, text: str) -> None:
+        """Raise an alarm; the line goes on."""
+        self._attended().warn(code, text)
 
     async def _look(self) -> None:
         daemon = self._attended()
@@ -309,6 +332,10 @@ def _device(facts: LinkFacts) -> DeviceView:
     return DeviceView(facts.connected, facts.last_seen_s, facts.errors)
 
 
+def _correction(record: CorrectionRecord) -> CorrectionView:
+    return CorrectionView(record.number, record.made_at.isoformat(), record.reason, record.press_key)
+
+
 def _face(record: ArmRecord) -> FaceView:
     return FaceView(
         face=record.face,
@@ -317,6 +344,7 @@ def _face(record: ArmRecord) -> FaceView:
         at=record.changed_at.isoformat(),
         tile_seq=record.tile_seq,
         reason=record.reason,
+        correction=record.correction,
     )
 
 

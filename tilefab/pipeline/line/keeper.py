@@ -83,10 +83,10 @@ class JournalKeeper:
         """Number of a run, new or gone on with."""
         return await self.call(lambda journal: journal.start_run(facts))
 
-    async def intend(self, run_id: int, faces: Sequence[tuple[int, int]]) -> list[Intent]:
+    async def intend(self, run_id: int, faces: Sequence[tuple[int, int]], correction: int) -> list[Intent]:
         """Put down, for good, which faces come next; see `Journal.intend`."""
         self._probe("intent.before")
-        intents = await self.call(lambda journal: journal.intend(run_id, faces))
+        intents = await self.call(lambda journal: journal.intend(run_id, faces, correction=correction))
         self._probe("intent.committed")
         return intents
 

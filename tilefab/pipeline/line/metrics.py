@@ -83,6 +83,8 @@ class _Snapshot:
         yield self._gauge("alarms_unacked", "Alarms that nobody acknowledged.", unacked)
         yield self._counter("alarms_raised", "Alarms raised.", counters.alarms)
         yield self._gauge("start_time_seconds", "When the daemon started.", counters.started_s)
+        correction = status.correction.number if status.correction is not None else 0
+        yield self._gauge("correction", "Number of the correction in use, 0: as the job's file says.", correction)
         yield self._gauge("queued_jobs", "Jobs that come after the present one.", len(status.queue))
 
     def _faces(self) -> Iterator[Metric]:

@@ -9,7 +9,7 @@ from contextlib import suppress
 
 from tilefab.control.ledger import ArmState, FaceQueue
 from tilefab.errors import InterlockError, JournalError, TilefabError
-from tilefab.io.journal import ArmChange
+from tilefab.io.journal import ArmChange, CorrectionRecord
 from tilefab.pipeline.line.book import INTENTS_AHEAD, FaceBook
 from tilefab.pipeline.line.host import LineHost
 from tilefab.pipeline.line.jobs import LineJob
@@ -55,6 +55,8 @@ class PresentRun:
         self.job: LineJob | None = None
         self.source: FaceSource | None = None
         self.book: FaceBook | None = None
+        self.correction: CorrectionRecord | None = None
+        """What coming faces are printed with; ``None``: as the job's file says."""
         self._filling: asyncio.Task[None] | None = None
 
     async def use_journal(self) -> None:
@@ -85,8 +87,11 @@ class PresentRun:
             self.jobs.popleft()
             why = f"{error.message}; {job.plan.name} was taken out of the queue"
             raise InterlockError(why, device="line", code="changeover_failed") from error
-        states = await self._keeper.call(lambda journal: journal.face_states(run_id))
+        states, correction = await self._keeper.call(
+            lambda journal: (journal.face_states(run_id), journal.latest_correction(run_id))
+        )
         self.job, self.source, self.book = job, source, FaceBook(run_id, FaceQueue(states))
+        self.correction = correction
         return True
 
     async def _drop_finished(self) -> None:
@@ -111,8 +116,15 @@ class PresentRun:
             return
         await self._keeper.call(lambda journal: journal.finish_run(book.run_id))
         self._probe("run.finished")
-        self.book = self.source = self.job = None
+        self.book = self.source = self.job = self.correction = None
         self.jobs.popleft()
+
+    def use_correction(self, book: FaceBook, record: CorrectionRecord) -> None:
+        """Print the faces of a run that aren't put down yet with a correction, unless a later one is in use."""
+        if self.book is None or self.book.run_id != book.run_id:
+            return
+        if self.correction is None or record.number > self.correction.number:
+            self.correction = record
 
     # Faces.
 
@@ -126,7 +138,8 @@ class PresentRun:
         try:
             while len(book.pool) < INTENTS_AHEAD and (faces := book.queue.take(INTENTS_AHEAD - len(book.pool))):
                 book.coming = len(faces)
-                book.pool.extend(await self._keeper.intend(book.run_id, faces))
+                number = self.correction.number if self.correction is not None else 0
+                book.pool.extend(await self._keeper.intend(book.run_id, faces, number))
                 book.coming = 0
         except JournalError as error:
             # Faces that were taken come back when the line is brought up.

@@ -323,7 +323,7 @@ class PrinterLoop:
             self._probe("arm.accepted")
             arm = book.update(command.arm_id, state=ArmState.ARMED)
             if self._host.streamer is not None:
-                self._host.streamer.submit(command.arm_id, command.face)
+                self._host.streamer.submit(command.arm_id, command.face, arm.intent.correction)
             self._behind.write([self._change(arm, ArmState.ARMED)], "armed")
             return True
         if reply.status is ArmStatus.NOT_ABOVE_LAST:

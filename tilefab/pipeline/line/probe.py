@@ -34,6 +34,15 @@ STEPS: Final = (
 )
 """In the order in which a tile meets them."""
 
+CORRECTION_STEPS: Final = (
+    "correction.before",
+    "correction.made",
+    "correction.committed",
+    "correction.used",
+)
+"""Of a correction in the middle of a run, beside its tiles: before and after its map is made, once the journal has it,
+and once coming faces are printed with it."""
+
 
 def nothing(step: str) -> None:
     """Look on at nothing."""

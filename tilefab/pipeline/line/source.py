@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,7 @@ from tilefab.pipeline.maps import JobMaps, check_owner, job_maps
 from tilefab.pipeline.plan import Plan
 from tilefab.pipeline.progress import Progress
 from tilefab.pipeline.run import claim_folder
+from tilefab.sampling import TextureMap
 from tilefab.types import Array, SizePx
 from tilefab.units import MM_PER_INCH
 
@@ -36,7 +37,10 @@ class Strip:
 
 
 class FaceSource:
-    """Faces of one job.
+    """Faces of one job: as its file says, and as corrected since.
+
+    Which part of the stone a face shows is the same for every correction; only its inks are others. Maps are looked up
+    when a face begins, so that one may be put beside the others, or taken away, between any two faces.
 
     Parameters
     ----------
@@ -51,6 +55,7 @@ class FaceSource:
     def __init__(self, plan: Plan, maps: JobMaps, strip_rows: int) -> None:
         self.plan, self.maps, self.strip_rows = plan, maps, strip_rows
         press = maps.press
+        self._corrected: Mapping[int, TextureMap] = {}
         layout = plan.layout(press)
         region = layout.face(0)
         self.size = SizePx(region.rows, region.cols)
@@ -73,18 +78,54 @@ class FaceSource:
         """Find out what a face shows: the part of rendering that can be done ahead, of some kilobytes a face."""
         return plan_face(self.plan, self.maps.press, face, threads=1)
 
-    def strips(self, planned: PlannedFace, first: int = 0) -> Iterator[Strip]:
-        """Strips of a face from row ``first`` on, each overwriting the one before."""
+    def strips(self, planned: PlannedFace, first: int = 0, correction: int = 0) -> Iterator[Strip]:
+        """Strips of a face from row ``first`` on, each overwriting the one before.
+
+        Raises
+        ------
+        OutputError
+            If the correction's map isn't there.
+        """
+        press = self._press(correction)
         for row in range(first, self.size.rows, self.strip_rows):
             out = self._buffer[: min(self.strip_rows, self.size.rows - row)]
-            yield Strip(row, render_strip(self.plan, self.maps.press, planned, row, out, threads=1))
+            yield Strip(row, render_strip(self.plan, press, planned, row, out, threads=1))
 
-    def checksum(self, face: int) -> int:
+    def checksum(self, face: int, correction: int = 0) -> int:
         """CRC-32 of all rows of a face in order, as the printer computes it over what it received."""
         crc = 0
-        for strip in self.strips(self.prepare(face)):
+        for strip in self.strips(self.prepare(face), correction=correction):
             crc = zlib.crc32(strip.pixels.data, crc)
         return crc
+
+    @property
+    def corrections(self) -> frozenset[int]:
+        """Corrections that faces can be rendered with, besides 0: as the job's file says."""
+        return frozenset(self._corrected)
+
+    def put(self, correction: int, press: TextureMap) -> None:
+        """Let faces be rendered with a correction from now on.
+
+        Raises
+        ------
+        OutputError
+            If its map can't be one of this job.
+        """
+        own = self.maps.press
+        if (press.base.shape, press.base.dtype, press.cell_shape) != (own.base.shape, own.base.dtype, own.cell_shape):
+            raise OutputError(f"{self.plan.name}: the map of correction {correction} is of another texture map")
+        self._corrected = {**self._corrected, correction: press}
+
+    def keep_only(self, corrections: Collection[int]) -> None:
+        """Let go of the maps of all corrections but some; a face that is being rendered keeps its own to its end."""
+        if not self._corrected.keys() <= set(corrections):
+            self._corrected = {number: press for number, press in self._corrected.items() if number in corrections}
+
+    def _press(self, correction: int) -> TextureMap:
+        press = self._corrected.get(correction) if correction else self.maps.press
+        if press is None:
+            raise OutputError(f"{self.plan.name}: the map of correction {correction} isn't open: this is a defect")
+        return press
 
 
 def open_source(plan: Plan, progress: Progress, strip_rows: int) -> FaceSource:

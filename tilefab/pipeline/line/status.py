@@ -74,6 +74,8 @@ class FaceView:
         Its tile, as the conveyor numbers it.
     reason
         Why, if there is something to say.
+    correction
+        Number of the correction that it is printed with; 0: as the job's file says.
     """
 
     face: int
@@ -82,6 +84,29 @@ class FaceView:
     at: str
     tile_seq: int | None
     reason: str = ""
+    correction: int = 0
+
+
+@dataclass(frozen=True)
+class CorrectionView:
+    """A correction of a run's colours.
+
+    Attributes
+    ----------
+    number
+        Which of the run's, 1 for the first.
+    made_at
+        When it was put down, ISO 8601 with its offset.
+    reason
+        Why, for people.
+    press_key
+        Hash of all that its map in inks depends on, but for the texture map.
+    """
+
+    number: int
+    made_at: str
+    reason: str
+    press_key: str
 
 
 @dataclass(frozen=True)
@@ -118,6 +143,8 @@ class LineStatus:
         Attempts of the present run by what became of them; see `tilefab.control.ledger.ArmState`.
     in_doubt, faces_in_doubt
         How many faces nobody knows the fate of, in all runs, and the first of them.
+    correction
+        What the coming faces of the present run are printed with; ``None``: as its job's file says.
     belt_running, belt_speed_mm_s
         As the conveyor tells.
     faces_per_minute
@@ -153,6 +180,7 @@ class LineStatus:
     counts: Mapping[str, int] = field(default_factory=dict)
     in_doubt: int = 0
     faces_in_doubt: tuple[DoubtView, ...] = ()
+    correction: CorrectionView | None = None
     belt_running: bool = False
     belt_speed_mm_s: float = 0.0
     faces_per_minute: float = 0.0
@@ -186,6 +214,8 @@ class LineStatus:
             facts[key] = tuple(_view(item, entry) for entry in _list(facts.get(key, ())))
         for key in ("ink_names", "ink_frac", "kiln_degc", "kiln_set_degc", "queue"):
             facts[key] = tuple(_list(facts.get(key, ())))
+        if facts.get("correction") is not None:
+            facts["correction"] = _view(CorrectionView, facts["correction"])
         devices = facts.get("devices", {})
         if not isinstance(devices, Mapping):
             raise ValueError(f"devices: {devices!r}")  # noqa: TRY004 - wrong data, not a wrong call

@@ -46,6 +46,7 @@ class StripLink(Protocol):
 class _Task:
     arm_id: int
     face: int
+    correction: int = 0
     checksums: dict[int, int] = field(default_factory=lambda: {0: 0})
     """CRC-32 of all rows before a strip's first."""
 
@@ -84,7 +85,7 @@ class Streamer:
         self._planned: OrderedDict[int, PlannedFace] = OrderedDict()
         self._cancelled: set[int] = set()
         self._finished: OrderedDict[int, int] = OrderedDict()
-        self._current: int | None = None
+        self._current: _Task | None = None
         self._link: StripLink | None = None
         self._stopping = False
         self._threads = [
@@ -100,16 +101,16 @@ class Streamer:
             self._expected = tuple(faces[:_PLANNED_AHEAD])
             self._wake.notify_all()
 
-    def submit(self, arm_id: int, face: int) -> None:
-        """Stream a face for an arm that the printer accepted; faces go out in this order."""
+    def submit(self, arm_id: int, face: int, correction: int = 0) -> None:
+        """Stream a face, as corrected, for an arm that the printer accepted; faces go out in this order."""
         with self._wake:
-            self._tasks.append(_Task(arm_id, face))
+            self._tasks.append(_Task(arm_id, face, correction))
             self._wake.notify_all()
 
     def cancel(self, arm_id: int) -> None:
         """Send no more of an arm's face."""
         with self._wake:
-            if arm_id == self._current or any(task.arm_id == arm_id for task in self._tasks):
+            if any(task.arm_id == arm_id for task in self._unsent()):
                 self._cancelled.add(arm_id)
 
     def checksum(self, arm_id: int) -> int | None:
@@ -121,7 +122,13 @@ class Streamer:
     def waiting(self) -> int:
         """Arms whose faces aren't sent whole yet."""
         with self._wake:
-            return len(self._tasks) + (self._current is not None)
+            return len(self._unsent())
+
+    @property
+    def corrections(self) -> frozenset[int]:
+        """Corrections of the arms whose faces aren't sent whole yet."""
+        with self._wake:
+            return frozenset(task.correction for task in self._unsent())
 
     def close(self) -> None:
         """Stop at once; joins the threads."""
@@ -134,6 +141,9 @@ class Streamer:
         for thread in self._threads:
             if thread is not threading.current_thread():
                 thread.join()
+
+    def _unsent(self) -> list[_Task]:
+        return [*self._tasks, *([self._current] if self._current is not None else ())]
 
     def _guarded(self, work: Callable[[], None]) -> None:
         try:
@@ -175,7 +185,7 @@ class Streamer:
                 if self._stopping:
                     return
                 task = self._tasks.popleft()
-                self._current = task.arm_id
+                self._current = task
                 planned = self._planned.get(task.face)
             self._send_face(task, planned if planned is not None else self._source.prepare(task.face))
             with self._wake:
@@ -203,7 +213,7 @@ class Streamer:
         # Rows that the printer has already, from this session or an earlier one, are rendered for the checksum alone.
         begin = max(row for row in task.checksums if row <= first)
         crc = task.checksums[begin]
-        for strip in self._source.strips(planned, begin):
+        for strip in self._source.strips(planned, begin, task.correction):
             if self._is_stopping(task):
                 return
             rows = strip.pixels.shape[0]
@@ -225,7 +235,7 @@ class Streamer:
         """Find the checksum of a face of which nothing more is to be sent."""
         begin = max(task.checksums)
         crc = task.checksums[begin]
-        for strip in self._source.strips(planned, begin):
+        for strip in self._source.strips(planned, begin, task.correction):
             if self._is_stopping(task):
                 return
             crc = zlib.crc32(strip.pixels.data.cast("B"), crc)

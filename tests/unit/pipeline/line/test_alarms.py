@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import tilefab
-from tilefab.pipeline.line.alarms import ALARMS, GENERAL, alarm_table, alarm_text
+from tilefab.pipeline.line.alarms import ALARMS, FROM_INSPECTION, GENERAL, alarm_table, alarm_text
 
 ROOT = Path(tilefab.__file__).parent
 SOURCES = [*sorted((ROOT / "pipeline" / "line").glob("*.py")), *sorted((ROOT / "control").glob("line_*.py"))]
@@ -62,7 +62,7 @@ def test_every_alarm_that_the_code_raises_is_explained() -> None:
     assert len(raised) > 30, "the search finds what it should"
     assert {"jam", "e_stop", "plc_lost", "faces_in_doubt", "underrun", "journal"} <= raised
     assert raised - set(ALARMS) == set(), "say in alarms.py what these mean"
-    assert set(ALARMS) - raised == set(), "nothing raises these"
+    assert set(ALARMS) - raised == FROM_INSPECTION, "nothing raises these"
 
 
 @pytest.mark.parametrize("code", ALARMS)

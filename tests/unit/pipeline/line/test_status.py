@@ -3,7 +3,7 @@ import json
 
 import pytest
 
-from tilefab.pipeline.line.status import AlarmView, DeviceView, DoubtView, FaceView, LineStatus
+from tilefab.pipeline.line.status import AlarmView, CorrectionView, DeviceView, DoubtView, FaceView, LineStatus
 
 FULL = LineStatus(
     line="line 1",
@@ -17,6 +17,7 @@ FULL = LineStatus(
     counts={"passed": 12, "in_doubt": 1},
     in_doubt=1,
     faces_in_doubt=(DoubtView(3, 11),),
+    correction=CorrectionView(3, "2026-03-01T07:48:00+00:00", "fired darker", "ab" * 32),
     belt_running=True,
     belt_speed_mm_s=2200.0,
     faces_per_minute=198.5,
@@ -29,7 +30,7 @@ FULL = LineStatus(
     devices={"plc": DeviceView(True, 0.02, 3), "kiln": DeviceView(False, None, 9)},
     alarms=(AlarmView(4, "jam", "2026-03-01T08:00:00+00:00", "tiles are jammed", "clear it", False),),
     last_alarm=4,
-    last_faces=(FaceView(11, 99, "passed", "2026-03-01T07:59:00+00:00", 1234, "why"),),
+    last_faces=(FaceView(11, 99, "passed", "2026-03-01T07:59:00+00:00", 1234, "why", 2),),
     queue=("Red",),
 )
 
@@ -48,7 +49,15 @@ def test_what_a_newer_daemon_adds_is_left_out() -> None:
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("alarms", "none"), ("alarms", [3]), ("alarms", [{"code": "jam"}]), ("devices", []), ("queue", 3), ("line", None)],
+    [
+        ("alarms", "none"),
+        ("alarms", [3]),
+        ("alarms", [{"code": "jam"}]),
+        ("devices", []),
+        ("queue", 3),
+        ("line", None),
+        ("correction", 3),
+    ],
 )
 def test_what_isnt_a_status_is_refused(key: str, value: object) -> None:
     told = FULL.to_json()
@@ -58,6 +67,12 @@ def test_what_isnt_a_status_is_refused(key: str, value: object) -> None:
         told[key] = value
     with pytest.raises(ValueError):
         LineStatus.from_json(told)
+
+
+def test_a_line_without_a_correction_says_so() -> None:
+    told = FULL.to_json()
+    told["correction"] = None
+    assert LineStatus.from_json(told).correction is None
 
 
 def test_no_object_is_no_status() -> None:

@@ -29,8 +29,8 @@ class Source:
     def prepare(self, face: int) -> PlannedFace:
         return cast(PlannedFace, face)
 
-    def strips(self, planned: PlannedFace, first: int = 0) -> Iterator[Strip]:
-        assert planned == 7
+    def strips(self, planned: PlannedFace, first: int = 0, correction: int = 0) -> Iterator[Strip]:
+        assert (planned, correction) == (7, 3)
         for row in range(first, ROWS, STRIP):
             yield Strip(row, PIXELS[row : row + STRIP])
 
@@ -76,7 +76,7 @@ def stream(*links: Link) -> tuple[int | None, list[TilefabError]]:
     waiting = list(links)
     streamer = Streamer(cast(FaceSource, Source()), lambda: waiting.pop(0), tell)
     try:
-        streamer.submit(1, 7)
+        streamer.submit(1, 7, 3)
         for _ in range(1000):
             if streamer.checksum(1) is not None or ended.wait(0.005):
                 break

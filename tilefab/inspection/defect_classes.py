@@ -1,0 +1,210 @@
+"""From patches of pixels that differ to classed, measured, graded defects."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from tilefab.colour import delta_e_2000
+from tilefab.inspection.records import Defect, DefectKind, Grade
+from tilefab.types import FloatImage, Mask
+
+Float64Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ShapeLimits:
+    """How patches are told apart.
+
+    Attributes
+    ----------
+    line_length_mm, line_slimness
+        From what length on, and from how many times as long as wide, a patch is a line: a crack if it is darker than
+        the face, a scratch if lighter.
+    pinhole_mm
+        Diameter up to which a dark spot is a pinhole.
+    chip_contrast, chip_mm2
+        Least contrast and area of a patch at the face's edge that is a chip.
+    """
+
+    line_length_mm: float = 2.0
+    line_slimness: float = 4.0
+    pinhole_mm: float = 0.42
+    chip_contrast: float = 5.0
+    chip_mm2: float = 0.6
+
+
+@dataclass(frozen=True)
+class GradeLimits:
+    """From what on a defect makes a tile scrap; less makes it second choice.
+
+    Attributes
+    ----------
+    spot_mm
+        Diameter of a spot or a pinhole.
+    crack_mm
+        Length of a crack.
+    scratch_mm
+        Length of a scratch.
+    chip_mm2
+        Area of a chip.
+    stripe_delta_e
+        Mean difference of a nozzle line or a band.
+    misregistration_mm
+        How far an ink lies off its place.
+    """
+
+    spot_mm: float = 2.0
+    crack_mm: float = 4.0
+    scratch_mm: float = 30.0
+    chip_mm2: float = 6.0
+    stripe_delta_e: float = 5.0
+    misregistration_mm: float = 0.5
+
+    def of(self, kind: DefectKind, *, size: float) -> Grade:
+        """Grade for a defect's decisive size: millimetres, square millimetres or CIEDE2000, as its limit is stated."""
+        limits = {
+            DefectKind.SPOT: self.spot_mm,
+            DefectKind.PINHOLE: self.spot_mm,
+            DefectKind.CRACK: self.crack_mm,
+            DefectKind.SCRATCH: self.scratch_mm,
+            DefectKind.CHIP: self.chip_mm2,
+            DefectKind.NOZZLE_LINE: self.stripe_delta_e,
+            DefectKind.BANDING: self.stripe_delta_e,
+            DefectKind.MISREGISTRATION: self.misregistration_mm,
+        }
+        # Without an ink, or printed twice, no tile is sold.
+        return Grade.SCRAP if size >= limits.get(kind, 0.0) else Grade.SECOND
+
+
+def classed(
+    patch: Mask,
+    top: int,
+    left: int,
+    rest: FloatImage,
+    expected: FloatImage,
+    fired: FloatImage,
+    px_per_mm: float,
+    at_edge: bool,
+    strength: float,
+    least_contrast: float,
+    shapes: ShapeLimits,
+    grades: GradeLimits,
+) -> Defect | None:
+    """What a patch of pixels that differ is.
+
+    Parameters
+    ----------
+    patch
+        (h, w) bool, the pixels.
+    top, left
+        Where its upper left pixel lies.
+    rest, expected, fired
+        (h, w, 3) CIELAB: the residual without its slow part, the prediction as fired, and the tile.
+    px_per_mm
+        Resolution.
+    at_edge
+        Whether it reaches the strip along the face's edges.
+    strength
+        How far it stands out of the noise, over the least that is reported.
+    least_contrast
+        Smallest contrast of a defect, CIELAB units.
+    shapes, grades
+        How patches are told apart and graded.
+
+    Returns
+    -------
+    Defect or None
+        None if what stands out of it is too faint to be seen.
+    """
+    mean = rest[patch].astype(np.float64).mean(axis=0)
+    direction = mean / max(float(np.linalg.norm(mean)), 1e-9)
+    along = np.where(patch, rest.astype(np.float64) @ direction, 0.0)
+    high = float(np.quantile(along[patch], 0.9))
+    # As wide as at half its height: what blur adds on either side, it takes from the height.
+    core = patch & (along > 0.5 * high)
+    contrast = float(along[core].mean()) if core.any() else 0.0
+    if contrast < least_contrast:
+        return None
+    rows, cols = np.nonzero(core)
+    area = len(rows) / px_per_mm**2
+    length, width = _extent(rows, cols, px_per_mm)
+    diameter = 2.0 * np.sqrt(area / np.pi)
+    darker = direction[0] < 0.0
+    size: float
+    if length >= shapes.line_length_mm and length >= shapes.line_slimness * width:
+        kind, size = (DefectKind.CRACK if darker else DefectKind.SCRATCH), length
+    elif at_edge and contrast >= shapes.chip_contrast and area >= shapes.chip_mm2:
+        kind, size = DefectKind.CHIP, area
+    elif darker and diameter <= shapes.pinhole_mm:
+        kind, size = DefectKind.PINHOLE, diameter
+    else:
+        kind, size = DefectKind.SPOT, diameter
+    difference = delta_e_2000(expected[core].mean(axis=0), fired[core].mean(axis=0))
+    return Defect(
+        kind,
+        (left + float(cols.mean()) + 0.5) / px_per_mm,
+        (top + float(rows.mean()) + 0.5) / px_per_mm,
+        (int(cols.max()) - int(cols.min()) + 1) / px_per_mm,
+        (int(rows.max()) - int(rows.min()) + 1) / px_per_mm,
+        area,
+        float(difference),
+        max(min(strength, contrast / least_contrast), 1.0),
+        grades.of(kind, size=size),
+    )
+
+
+def _extent(rows: NDArray[np.int64], cols: NDArray[np.int64], px_per_mm: float) -> tuple[float, float]:
+    """Length and mean width of pixels, mm: as long as a bar of the same second moment, as wide as the area says."""
+    if len(rows) < 3:
+        return np.sqrt(len(rows)) / px_per_mm, np.sqrt(len(rows)) / px_per_mm
+    spread = np.linalg.eigvalsh(np.cov(np.stack([rows, cols]).astype(np.float64)) + np.eye(2) / 12.0)
+    length = np.sqrt(12.0 * float(spread[1]))
+    return length / px_per_mm, len(rows) / length / px_per_mm
+
+
+def chips_of(tile: Mask, px_per_mm: float, margin_mm: float, shapes: ShapeLimits, grades: GradeLimits) -> tuple[Defect, ...]:
+    """Places at the edges where there is no tile.
+
+    Parameters
+    ----------
+    tile
+        (rows, cols), True where the face grid shows tile.
+    px_per_mm
+        Resolution.
+    margin_mm
+        As far in as registration may misplace an edge: what isn't deeper is no chip.
+    shapes, grades
+        From what area on; and the grades.
+    """
+    # The face lies in the middle of nothing: so edges count as missing neighbours, and are taken away by opening.
+    margin = max(round(margin_mm * px_per_mm), 1)
+    missing = np.pad(~tile, margin, mode="edge")
+    side = 2 * margin + 1
+    deep = ndimage.binary_opening(missing, np.ones((side, side), dtype=bool))[margin:-margin, margin:-margin]
+    labels, count = ndimage.label(deep)
+    found = []
+    rows, cols = tile.shape
+    for number, box in enumerate(ndimage.find_objects(labels, max_label=count), 1):
+        area = float((labels[box] == number).sum()) / px_per_mm**2
+        touches = box[0].start == 0 or box[1].start == 0 or box[0].stop == rows or box[1].stop == cols
+        if not touches or area < shapes.chip_mm2:
+            continue
+        high, wide = box[0].stop - box[0].start, box[1].stop - box[1].start
+        found.append(
+            Defect(
+                DefectKind.CHIP,
+                (box[1].start + wide / 2.0) / px_per_mm,
+                (box[0].start + high / 2.0) / px_per_mm,
+                wide / px_per_mm,
+                high / px_per_mm,
+                area,
+                0.0,
+                area / shapes.chip_mm2,
+                grades.of(DefectKind.CHIP, size=area),
+            )
+        )
+    return tuple(found)

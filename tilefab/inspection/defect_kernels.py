@@ -1,0 +1,538 @@
+"""Inner loops of defect finding over whole tiles: arrays in, arrays out; see `tilefab.inspection.defect_residual`.
+
+Images are float32 (rows, cols, 3), in CIELAB; pixels of no use have weight 0. The twins ``..._plain`` say the same in
+NumPy, slowly; tests hold the kernels against them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from tilefab.jit import kernel
+from tilefab.types import FloatImage
+
+
+Float64Array = NDArray[np.float64]
+
+COLOUR_TERMS = 11
+"""Terms of a colour itself, see `mapped`."""
+
+PLACE_TERMS = 5
+"""x, y, x2, xy, y2 of a place, both axes from -1 to 1 over the tile."""
+
+
+@kernel
+def mapped(
+    lab: FloatImage,
+    inks: FloatImage,
+    middle: Float64Array,
+    turn: Float64Array,
+    colour: Float64Array,
+    place: Float64Array,
+) -> FloatImage:
+    """Predicted colours as this firing and this light show them.
+
+    Parameters
+    ----------
+    lab
+        (rows, cols, 3) predicted.
+    inks
+        (rows, cols, N) ink fractions; N may be 0.
+    middle, turn
+        (3,) and (3, 3): coordinates u = turn @ (lab - middle) of a colour.
+    colour
+        (11 + N + N (N + 1) / 2, 3): of 1, u, the six products of two of u, and the cube of the first; then of inks and
+        of the products of two of them.
+    place
+        (2, 5, 3): of the place's terms, times (L* + 16) / 100, and times the channel's own a* or b* / 100.
+    """
+    rows, cols = lab.shape[:2]
+    count = inks.shape[2]
+    out = np.empty_like(lab)
+    spot, terms = np.empty(PLACE_TERMS), np.empty(colour.shape[0])
+    for row in range(rows):
+        y = (2.0 * row + 1.0) / rows - 1.0
+        for col in range(cols):
+            x = (2.0 * col + 1.0) / cols - 1.0
+            d0, d1, d2 = lab[row, col, 0] - middle[0], lab[row, col, 1] - middle[1], lab[row, col, 2] - middle[2]
+            u = turn[0, 0] * d0 + turn[0, 1] * d1 + turn[0, 2] * d2
+            v = turn[1, 0] * d0 + turn[1, 1] * d1 + turn[1, 2] * d2
+            w = turn[2, 0] * d0 + turn[2, 1] * d1 + turn[2, 2] * d2
+            terms[0], terms[1], terms[2], terms[3] = 1.0, u, v, w
+            terms[4], terms[5], terms[6], terms[7], terms[8], terms[9] = u * u, u * v, u * w, v * v, v * w, w * w
+            terms[10] = u * u * u
+            at = COLOUR_TERMS
+            for k in range(count):
+                terms[at] = inks[row, col, k]
+                at += 1
+            for k in range(count):
+                for other in range(k, count):
+                    terms[at] = inks[row, col, k] * inks[row, col, other]
+                    at += 1
+            spot[0], spot[1], spot[2], spot[3], spot[4] = x, y, x * x, x * y, y * y
+            bright = 0.01 * (lab[row, col, 0] + 16.0)
+            for c in range(3):
+                value = 0.0
+                for k in range(terms.size):
+                    value += terms[k] * colour[k, c]
+                own = 0.01 * lab[row, col, c] if c > 0 else 0.0
+                for k in range(PLACE_TERMS):
+                    value += spot[k] * (bright * place[0, k, c] + own * place[1, k, c])
+                out[row, col, c] = lab[row, col, c] + value
+    return out
+
+
+def colour_terms(
+    lab: NDArray[np.floating], inks: NDArray[np.floating], middle: Float64Array, turn: Float64Array
+) -> Float64Array:
+    """(..., terms) of colours (..., 3) and inks (..., N): see `mapped`."""
+    u, v, w = np.moveaxis((np.asarray(lab, dtype=np.float64) - middle) @ turn.T, -1, 0)
+    terms = [np.ones_like(u), u, v, w, u * u, u * v, u * w, v * v, v * w, w * w, u**3]
+    laid = [np.asarray(inks[..., k], dtype=np.float64) for k in range(inks.shape[-1])]
+    terms += laid
+    terms += [one * other for k, one in enumerate(laid) for other in laid[k:]]
+    return np.stack(terms, axis=-1)
+
+
+def place_terms(rows: int, cols: int) -> Float64Array:
+    """(rows, cols, 5) terms of places: see `mapped`."""
+    y, x = np.meshgrid(
+        (2.0 * np.arange(rows) + 1.0) / rows - 1.0, (2.0 * np.arange(cols) + 1.0) / cols - 1.0, indexing="ij"
+    )
+    return np.stack([x, y, x * x, x * y, y * y], axis=-1)
+
+
+def mapped_plain(
+    lab: FloatImage,
+    inks: FloatImage,
+    middle: Float64Array,
+    turn: Float64Array,
+    colour: Float64Array,
+    place: Float64Array,
+) -> Float64Array:
+    """Twin of `mapped`."""
+    spots = place_terms(*lab.shape[:2])
+    own = np.asarray(lab, dtype=np.float64) / 100.0
+    own[..., 0] = 0.0
+    bright = (np.asarray(lab[..., :1], dtype=np.float64) + 16.0) / 100.0
+    moved = colour_terms(lab, inks, middle, turn) @ colour + bright * (spots @ place[0]) + own * (spots @ place[1])
+    return np.asarray(lab + moved, dtype=np.float64)
+
+
+@kernel
+def binomial(image: FloatImage) -> FloatImage:
+    """Smoothed by 1 2 1 in both directions; beyond the edges lie the edge's own pixels."""
+    rows, cols, channels = image.shape
+    across = np.empty_like(image)
+    half, quarter = np.float32(0.5), np.float32(0.25)
+    for row in range(rows):
+        for col in range(cols):
+            left, right = max(col - 1, 0), min(col + 1, cols - 1)
+            for c in range(channels):
+                across[row, col, c] = half * image[row, col, c] + quarter * (image[row, left, c] + image[row, right, c])
+    out = np.empty_like(image)
+    for row in range(rows):
+        above, below = max(row - 1, 0), min(row + 1, rows - 1)
+        for col in range(cols):
+            for c in range(channels):
+                out[row, col, c] = half * across[row, col, c] + quarter * (across[above, col, c] + across[below, col, c])
+    return out
+
+
+def binomial_plain(image: FloatImage) -> Float64Array:
+    """Twin of `binomial`."""
+    weights = np.array([0.25, 0.5, 0.25])
+    down = ndimage.correlate1d(np.asarray(image, dtype=np.float64), weights, axis=0, mode="nearest")
+    return np.asarray(ndimage.correlate1d(down, weights, axis=1, mode="nearest"), dtype=np.float64)
+
+
+@kernel
+def block_sums(
+    predicted: FloatImage, fired: FloatImage, weight: FloatImage, scale: Float64Array, block: int
+) -> Float64Array:
+    """Sums over blocks for fitting a residual by the prediction's slopes and its curvature.
+
+    Parameters
+    ----------
+    predicted, fired
+        (rows, cols, 3).
+    weight
+        (rows, cols).
+    scale
+        (3,) usual size of the residual of each channel; residuals count up to four times that.
+    block
+        Side of a block, pixels.
+
+    Returns
+    -------
+    ndarray
+        (block rows, block cols, 9): x x, x y, x c, y y, y c, c c of the slopes x, y and the curvature c; then their
+        products with the residual.
+    """
+    rows, cols = weight.shape
+    out = np.zeros(((rows + block - 1) // block, (cols + block - 1) // block, 9))
+    for row in range(1, rows - 1):
+        i = row // block
+        for col in range(1, cols - 1):
+            share = weight[row, col]
+            if share <= 0.0:
+                continue
+            j = col // block
+            for c in range(3):
+                here = predicted[row, col, c]
+                left, right = predicted[row, col - 1, c], predicted[row, col + 1, c]
+                up, down = predicted[row - 1, col, c], predicted[row + 1, col, c]
+                x, y, curve = 0.5 * (right - left), 0.5 * (down - up), left + right + up + down - 4.0 * here
+                most = 4.0 * scale[c]
+                rest = min(max(fired[row, col, c] - here, -most), most)
+                counts = share / (scale[c] * scale[c])
+                out[i, j, 0] += counts * x * x
+                out[i, j, 1] += counts * x * y
+                out[i, j, 2] += counts * x * curve
+                out[i, j, 3] += counts * y * y
+                out[i, j, 4] += counts * y * curve
+                out[i, j, 5] += counts * curve * curve
+                out[i, j, 6] += counts * x * rest
+                out[i, j, 7] += counts * y * rest
+                out[i, j, 8] += counts * curve * rest
+    return out
+
+
+def slopes_plain(predicted: FloatImage) -> Float64Array:
+    """(3, rows, cols, 3): slopes along x and y, and curvature, 0 in the outermost pixels."""
+    image = np.asarray(predicted, dtype=np.float64)
+    out = np.zeros((3, *image.shape))
+    inner = image[1:-1, 1:-1]
+    left, right, up, down = image[1:-1, :-2], image[1:-1, 2:], image[:-2, 1:-1], image[2:, 1:-1]
+    out[0, 1:-1, 1:-1] = 0.5 * (right - left)
+    out[1, 1:-1, 1:-1] = 0.5 * (down - up)
+    out[2, 1:-1, 1:-1] = left + right + up + down - 4.0 * inner
+    return out
+
+
+def block_sums_plain(
+    predicted: FloatImage, fired: FloatImage, weight: FloatImage, scale: Float64Array, block: int
+) -> Float64Array:
+    """Twin of `block_sums`."""
+    slopes = slopes_plain(predicted)
+    rest = np.clip(np.asarray(fired, dtype=np.float64) - predicted, -4.0 * scale, 4.0 * scale)
+    counts = np.asarray(weight, dtype=np.float64)[..., np.newaxis] / scale**2
+    pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
+    products = [slopes[i] * slopes[j] for i, j in pairs] + [slope * rest for slope in slopes]
+    values = np.stack([(counts * product).sum(axis=-1) for product in products], axis=-1)
+    more = [(0, -side % block) for side in weight.shape]
+    values = np.pad(values, [*more, (0, 0)])
+    shape = (values.shape[0] // block, block, values.shape[1] // block, block, 9)
+    return np.asarray(values.reshape(shape).sum(axis=(1, 3)), dtype=np.float64)
+
+
+@kernel
+def residual_of(
+    predicted: FloatImage, fired: FloatImage, weight: FloatImage, moves: Float64Array, block: int
+) -> FloatImage:
+    """Fired less predicted, less what small shifts and a little blur explain; 0 where the weight is.
+
+    ``moves``: (block rows, block cols, 3), factors of the slopes x and y and of the curvature in the middle of each
+    block; between the middles they go over linearly.
+    """
+    rows, cols = weight.shape
+    high, wide = moves.shape[:2]
+    out = np.zeros_like(predicted)
+    for row in range(rows):
+        at = min(max((row + 0.5) / block - 0.5, 0.0), high - 1.0)
+        i = min(int(at), high - 1)
+        down_share = at - i
+        below = min(i + 1, high - 1)
+        above_row, below_row = max(row - 1, 0), min(row + 1, rows - 1)
+        inner_row = 0 < row < rows - 1
+        for col in range(cols):
+            if weight[row, col] <= 0.0:
+                continue
+            at_x = min(max((col + 0.5) / block - 0.5, 0.0), wide - 1.0)
+            j = min(int(at_x), wide - 1)
+            right_share = at_x - j
+            after = min(j + 1, wide - 1)
+            inner = inner_row and 0 < col < cols - 1
+            left_col, right_col = max(col - 1, 0), min(col + 1, cols - 1)
+            for c in range(3):
+                value = np.float64(fired[row, col, c]) - predicted[row, col, c]
+                if inner:
+                    left, right = predicted[row, left_col, c], predicted[row, right_col, c]
+                    up, down = predicted[above_row, col, c], predicted[below_row, col, c]
+                    slopes = (
+                        0.5 * (right - left),
+                        0.5 * (down - up),
+                        left + right + up + down - 4.0 * predicted[row, col, c],
+                    )
+                    for k in range(3):
+                        top = moves[i, j, k] * (1.0 - right_share) + moves[i, after, k] * right_share
+                        bottom = moves[below, j, k] * (1.0 - right_share) + moves[below, after, k] * right_share
+                        value -= slopes[k] * (top * (1.0 - down_share) + bottom * down_share)
+                out[row, col, c] = value
+    return out
+
+
+def residual_of_plain(
+    predicted: FloatImage, fired: FloatImage, weight: FloatImage, moves: Float64Array, block: int
+) -> Float64Array:
+    """Twin of `residual_of`."""
+    places = np.meshgrid(
+        *((np.arange(side) + 0.5) / block - 0.5 for side in weight.shape),
+        indexing="ij",
+    )
+    explained = sum(
+        slope * ndimage.map_coordinates(moves[..., k], places, order=1, mode="nearest")[..., np.newaxis]
+        for k, slope in enumerate(slopes_plain(predicted))
+    )
+    return np.where(weight[..., np.newaxis] > 0.0, np.asarray(fired, dtype=np.float64) - predicted - explained, 0.0)
+
+
+@kernel
+def colour_sums(
+    lab: FloatImage, values: FloatImage, weight: FloatImage, axes: Float64Array, most: Float64Array, shape: tuple[int, int]
+) -> Float64Array:
+    """Sums of a residual by the prediction's colour.
+
+    Parameters
+    ----------
+    lab, values, weight
+        (rows, cols, 3) prediction, (rows, cols, 3) residual, (rows, cols).
+    axes
+        (2, 4): cell coordinates of a colour are its products with the first three numbers of a row, plus the fourth;
+        whole numbers are the middles of cells, and colours beyond the last cell count there.
+    most
+        (3,) the most that a pixel's residual counts.
+    shape
+        How many cells along either axis.
+
+    Returns
+    -------
+    ndarray
+        (cells, cells, 4): sums of the residual and of the weight.
+    """
+    rows, cols = weight.shape
+    out = np.zeros((shape[0], shape[1], 4))
+    for row in range(rows):
+        for col in range(cols):
+            share = weight[row, col]
+            if share <= 0.0:
+                continue
+            i, j = 0, 0
+            for k in range(2):
+                at = axes[k, 3]
+                for c in range(3):
+                    at += axes[k, c] * lab[row, col, c]
+                cell = int(min(max(np.floor(at + 0.5), 0.0), shape[k] - 1.0))
+                if k == 0:
+                    i = cell
+                else:
+                    j = cell
+            for c in range(3):
+                out[i, j, c] += share * min(max(values[row, col, c], -most[c]), most[c])
+            out[i, j, 3] += share
+    return out
+
+
+def _cells_plain(lab: FloatImage, axes: Float64Array, shape: tuple[int, int]) -> Float64Array:
+    """(2, rows, cols) cell coordinates of colours, within the cells."""
+    places = np.moveaxis(np.asarray(lab, dtype=np.float64) @ axes[:, :3].T + axes[:, 3], -1, 0)
+    return np.clip(places, 0.0, np.array(shape, dtype=np.float64)[:, np.newaxis, np.newaxis] - 1.0)
+
+
+def colour_sums_plain(
+    lab: FloatImage, values: FloatImage, weight: FloatImage, axes: Float64Array, most: Float64Array, shape: tuple[int, int]
+) -> Float64Array:
+    """Twin of `colour_sums`."""
+    i, j = np.floor(_cells_plain(lab, axes, shape) + 0.5).astype(np.int64)
+    out = np.zeros((*shape, 4))
+    counted = np.clip(np.asarray(values, dtype=np.float64), -most, most)
+    np.add.at(out, (i, j), np.concatenate([counted, np.ones((*weight.shape, 1))], axis=-1) * weight[..., np.newaxis])
+    return out
+
+
+@kernel
+def by_colour(lab: FloatImage, axes: Float64Array, table: Float64Array) -> FloatImage:
+    """Values (rows, cols, K) of a table (cells, cells, K) at the colours of an image, linear between cells' middles.
+
+    ``axes``: as `colour_sums` has them.
+    """
+    rows, cols = lab.shape[:2]
+    high, wide, channels = table.shape
+    out = np.empty((rows, cols, channels), dtype=np.float32)
+    for row in range(rows):
+        for col in range(cols):
+            at, across = axes[0, 3], axes[1, 3]
+            for c in range(3):
+                at += axes[0, c] * lab[row, col, c]
+                across += axes[1, c] * lab[row, col, c]
+            at, across = min(max(at, 0.0), high - 1.0), min(max(across, 0.0), wide - 1.0)
+            i, j = min(int(at), high - 2), min(int(across), wide - 2)
+            down, right = at - i, across - j
+            for c in range(channels):
+                top = table[i, j, c] * (1.0 - right) + table[i, j + 1, c] * right
+                bottom = table[i + 1, j, c] * (1.0 - right) + table[i + 1, j + 1, c] * right
+                out[row, col, c] = top * (1.0 - down) + bottom * down
+    return out
+
+
+def by_colour_plain(lab: FloatImage, axes: Float64Array, table: Float64Array) -> Float64Array:
+    """Twin of `by_colour`."""
+    places = _cells_plain(lab, axes, (table.shape[0], table.shape[1]))
+    values = [ndimage.map_coordinates(table[..., c], places, order=1, mode="nearest") for c in range(table.shape[2])]
+    return np.stack(values, axis=-1)
+
+
+@kernel
+def local_contrast(residual: FloatImage, weight: FloatImage, inner: int, outer: int) -> tuple[FloatImage, FloatImage]:
+    """A residual less its mean over the ring between two squares around each pixel.
+
+    Parameters
+    ----------
+    residual
+        (rows, cols, 3).
+    weight
+        (rows, cols).
+    inner, outer
+        Half sides of the squares, pixels: the ring is what the outer has and the inner hasn't.
+
+    Returns
+    -------
+    contrast, seen
+        (rows, cols, 3), 0 where nothing is known; and (rows, cols), the weight where the ring has at least a third of
+        its pixels, else 0.
+    """
+    rows, cols = weight.shape
+    # Running sums over rows, of columns; then over columns: each pixel costs the same whatever the squares' size.
+    out, seen = np.zeros_like(residual), np.zeros_like(weight)
+    tall_outer, tall_inner = np.zeros((cols, 4)), np.zeros((cols, 4))
+    least = ((2 * outer + 1) ** 2 - (2 * inner + 1) ** 2) / 3.0
+    wide_sum, near_sum = np.zeros(4), np.zeros(4)
+    for row in range(-outer, rows):
+        for half, tall in ((outer, tall_outer), (inner, tall_inner)):
+            enters, leaves = row + half, row - half - 1
+            if 0 <= enters < rows:
+                for col in range(cols):
+                    share = weight[enters, col]
+                    tall[col, 3] += share
+                    for c in range(3):
+                        tall[col, c] += share * residual[enters, col, c]
+            if 0 <= leaves < rows:
+                for col in range(cols):
+                    share = weight[leaves, col]
+                    tall[col, 3] -= share
+                    for c in range(3):
+                        tall[col, c] -= share * residual[leaves, col, c]
+        if row < 0:
+            continue
+        wide_sum[:], near_sum[:] = 0.0, 0.0
+        for col in range(-outer, cols):
+            for half, tall, total in ((outer, tall_outer, wide_sum), (inner, tall_inner, near_sum)):
+                enters, leaves = col + half, col - half - 1
+                if 0 <= enters < cols:
+                    for c in range(4):
+                        total[c] += tall[enters, c]
+                if 0 <= leaves < cols:
+                    for c in range(4):
+                        total[c] -= tall[leaves, c]
+            if col < 0 or weight[row, col] <= 0.0:
+                continue
+            around = wide_sum[3] - near_sum[3]
+            if around < least:
+                continue
+            seen[row, col] = weight[row, col]
+            for c in range(3):
+                out[row, col, c] = residual[row, col, c] - (wide_sum[c] - near_sum[c]) / around
+    return out, seen
+
+
+def local_contrast_plain(
+    residual: FloatImage, weight: FloatImage, inner: int, outer: int
+) -> tuple[Float64Array, Float64Array]:
+    """Twin of `local_contrast`."""
+    share = np.asarray(weight, dtype=np.float64)
+    values = np.concatenate([share[..., np.newaxis] * residual, share[..., np.newaxis]], axis=-1)
+
+    def over(half: int) -> Float64Array:
+        ones = np.ones(2 * half + 1)
+        down = ndimage.correlate1d(values, ones, axis=0, mode="constant")
+        return np.asarray(ndimage.correlate1d(down, ones, axis=1, mode="constant"), dtype=np.float64)
+
+    ring = over(outer) - over(inner)
+    least = ((2 * outer + 1) ** 2 - (2 * inner + 1) ** 2) / 3.0
+    seen = np.where((share > 0.0) & (ring[..., 3] >= least - 1e-9), share, 0.0)
+    mean = ring[..., :3] / np.maximum(ring[..., 3:], 1e-9)
+    return np.where(seen[..., np.newaxis] > 0.0, residual - mean, 0.0), seen
+
+
+@kernel
+def line_strengths(
+    whitened: FloatImage, weight: FloatImage, at_row: NDArray[np.int64], at_col: NDArray[np.int64], reach: int, ways: int
+) -> tuple[FloatImage, NDArray[np.int64]]:
+    """How strong a straight line through each of some pixels is, in its best direction.
+
+    Parameters
+    ----------
+    whitened
+        (rows, cols, 3) contrast, every channel of about unit variance and not correlated with the others.
+    weight
+        (rows, cols), 0 where nothing is known.
+    at_row, at_col
+        (P,) pixels.
+    reach
+        Pixels of the line on either side of its middle.
+    ways
+        How many directions over the half circle.
+
+    Returns
+    -------
+    strength, way
+        (P,) length of the mean vector times the root of the number of pixels, largest over directions, and which
+        direction that is; 0 where less than half of a line is seen.
+    """
+    rows, cols = weight.shape
+    strength, way = np.zeros(at_row.size, dtype=np.float32), np.zeros(at_row.size, dtype=np.int64)
+    steps_x, steps_y = np.empty((ways, 2 * reach + 1), np.int64), np.empty((ways, 2 * reach + 1), np.int64)
+    for k in range(ways):
+        angle = np.pi * k / ways
+        for t in range(-reach, reach + 1):
+            steps_x[k, t + reach] = int(np.floor(t * np.cos(angle) + 0.5))
+            steps_y[k, t + reach] = int(np.floor(t * np.sin(angle) + 0.5))
+    for p in range(at_row.size):
+        best, best_way = 0.0, 0
+        for k in range(ways):
+            one, two, three, count = 0.0, 0.0, 0.0, 0
+            for t in range(2 * reach + 1):
+                row, col = at_row[p] + steps_y[k, t], at_col[p] + steps_x[k, t]
+                if 0 <= row < rows and 0 <= col < cols and weight[row, col] > 0.0:
+                    one += whitened[row, col, 0]
+                    two += whitened[row, col, 1]
+                    three += whitened[row, col, 2]
+                    count += 1
+            if count > reach:
+                power = (one * one + two * two + three * three) / count
+                if power > best:
+                    best, best_way = power, k
+        strength[p], way[p] = np.sqrt(best), best_way
+    return strength, way
+
+
+def line_strengths_plain(
+    whitened: FloatImage, weight: FloatImage, at_row: NDArray[np.int64], at_col: NDArray[np.int64], reach: int, ways: int
+) -> tuple[Float64Array, NDArray[np.int64]]:
+    """Twin of `line_strengths`."""
+    rows, cols = weight.shape
+    along = np.arange(-reach, reach + 1)
+    powers = np.zeros((ways, at_row.size))
+    for k in range(ways):
+        angle = np.pi * k / ways
+        row = at_row[:, np.newaxis] + np.floor(along * np.sin(angle) + 0.5).astype(np.int64)
+        col = at_col[:, np.newaxis] + np.floor(along * np.cos(angle) + 0.5).astype(np.int64)
+        inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
+        row, col = np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1)
+        used = inside & (weight[row, col] > 0.0)
+        total = np.where(used[..., np.newaxis], whitened[row, col].astype(np.float64), 0.0).sum(axis=1)
+        count = used.sum(axis=1)
+        powers[k] = np.where(count > reach, (total**2).sum(axis=1) / np.maximum(count, 1), 0.0)
+    return np.sqrt(powers.max(axis=0)), np.argmax(powers, axis=0)

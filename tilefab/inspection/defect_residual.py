@@ -1,0 +1,336 @@
+"""What of a fired tile its predicted face doesn't explain: the firing, the light and small shifts taken away.
+
+A stone's own edges are a hundred times stronger than the defects to be found on them. So the prediction is first given
+the firing's colours and the light's unevenness, by a smooth function of colour and place fitted to the tile as a
+whole; then, block by block, as much shift and blur as fits best, to first order: the residual is regressed on the
+prediction's slopes and curvature (B. D. Lucas, T. Kanade, "An Iterative Image Registration Technique with an
+Application to Stereo Vision", IJCAI 1981, section 4, with curvature added). What is left is nearly the camera's noise,
+on stone as on plain tile; its size is measured on the tile itself, where it is plain and where it is busy.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from tilefab.inspection.defect_kernels import (
+    PLACE_TERMS,
+    binomial,
+    block_sums,
+    by_colour,
+    colour_sums,
+    colour_terms,
+    local_contrast,
+    mapped,
+    place_terms,
+    residual_of,
+)
+from tilefab.types import FloatImage, Mask
+
+
+Float64Array = NDArray[np.float64]
+
+_FIT_MM, _FIT_SAMPLES, _FIT_ROUNDS = 0.4, 20_000, 8
+_LEAST_SPREAD = 3.0
+_RIDGE = 1e-5
+_CUTOFF = 3.0
+_BLOCK_MM = 3.2
+_SHIFT_PRIOR_PX = 0.3
+_BLOCK_SMOOTHING = 1.0
+_BACKGROUND_BLOCKS = 5
+_COLOUR_CELLS, _CELL_SMOOTHING, _COLOUR_PRIOR_SHARE = (24, 8), 0.7, 3e-4
+_BIN_QUANTILES = (0.0, 0.01, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 0.99, 0.997, 1.0)
+_LEAST_TO_ESTIMATE, _LEAST_SIZE = 50, 0.2
+_MAD = 1.4826
+_CHI3_MEDIAN, _CHI3_97 = 1.5382, 2.9909
+"""Median and 97 % of the length of a vector of three normal deviates (chi distribution)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Residual:
+    """A tile's unexplained rest.
+
+    Attributes
+    ----------
+    values
+        (rows, cols, 3) float32 CIELAB, fired less explained; 0 where the weight is.
+    weight
+        (rows, cols) float32: 1 where the tile is judged, 0 elsewhere.
+    expected, fired
+        (rows, cols, 3) float32: the prediction with this firing's colours, and the tile, both a little smoothed.
+    likes
+        (rows, cols) float32 images on which the noise depends: how light the prediction is, how steep around each
+        pixel (CIELAB units a pixel), and how rare its colour is on the tile, so that little is known of what the
+        firing does to it.
+    background
+        (rows, cols, 3) float32: the residual's slow part, still contained in ``values``.
+    moved_px
+        Mean shift that the blocks were given, (x, y): what registration left.
+    """
+
+    values: FloatImage
+    weight: FloatImage
+    expected: FloatImage
+    fired: FloatImage
+    likes: tuple[FloatImage, ...]
+    background: FloatImage
+    moved_px: tuple[float, float]
+
+
+def residual_over(
+    predicted_lab: FloatImage, fired_lab: FloatImage, valid: Mask, px_per_mm: float, inks: FloatImage | None = None
+) -> Residual:
+    """The rest of a fired tile that its firing, the light and small shifts don't explain.
+
+    Parameters
+    ----------
+    predicted_lab, fired_lab
+        (rows, cols, 3) float32 CIELAB on the face grid.
+    valid
+        (rows, cols), True where the tile is to be judged; at least a hundredth of it.
+    px_per_mm
+        Resolution of the grid.
+    inks
+        (rows, cols, N) ink fractions that the face was printed with: what a firing does to colours alike depends on
+        which inks make them.
+    """
+    laid = np.zeros((*valid.shape, 0), dtype=np.float32) if inks is None else inks
+    expected = firing_applied(predicted_lab, fired_lab, valid, px_per_mm, laid)
+    # Where nothing is known the prediction stands in, so that smoothing brings no strange colours from there.
+    fired = binomial(np.where(valid[..., np.newaxis], fired_lab, expected))
+    expected = binomial(expected)
+    weight = valid.astype(np.float32)
+    rest = np.abs((fired - expected)[valid])
+    scale = np.maximum(_MAD * np.median(rest[:: max(len(rest) // 50_000, 1)], axis=0), 0.05).astype(np.float64)
+    block = max(round(_BLOCK_MM * px_per_mm), 8)
+    moves = _block_moves(block_sums(expected, fired, weight, scale, block))
+    values = residual_of(expected, fired, weight, moves, block)
+    values, rarity = _less_colours_own(expected, values, weight)
+    slope_y, slope_x = np.gradient(expected[..., 0])
+    busy = np.sqrt(ndimage.uniform_filter(slope_x * slope_x + slope_y * slope_y, 5, mode="nearest"))
+    return Residual(
+        values,
+        weight,
+        expected,
+        fired,
+        (np.ascontiguousarray(expected[..., 0]), np.asarray(busy, dtype=np.float32), rarity),
+        _background(values, valid, block),
+        (float(moves[..., 0].mean()), float(moves[..., 1].mean())),
+    )
+
+
+def firing_applied(
+    predicted_lab: FloatImage, fired_lab: FloatImage, valid: Mask, px_per_mm: float, inks: FloatImage
+) -> FloatImage:
+    """Predicted colours (rows, cols, 3) as this firing and this light show them.
+
+    A smooth function of colour (second order, and third along the axis on which the stone varies most), of inks
+    (second order) and of place (second order), fitted to means over small squares by iteratively reweighted least
+    squares: what is far off counts less, so that defects don't pull, yet rare colours do.
+    """
+    rows, cols = valid.shape
+    step = max(round(_FIT_MM * px_per_mm), 1)
+    whole = ndimage.minimum_filter(valid, 3)
+    high, wide = rows // step, cols // step
+
+    def means(image: FloatImage) -> Float64Array:
+        return np.asarray(
+            image[: high * step, : wide * step].reshape(high, step, wide, step, -1).mean(axis=(1, 3)), dtype=np.float64
+        )
+
+    used = means(whole.astype(np.float32)[..., np.newaxis])[..., 0] > 0.999
+    places = place_terms(high, wide)[used]
+    one, other, laid = means(predicted_lab)[used], means(fired_lab)[used], means(inks)[used]
+    thin = max(len(one) // _FIT_SAMPLES, 1)
+    places, one, other, laid = places[::thin], one[::thin], other[::thin], laid[::thin]
+    middle = one.mean(axis=0)
+    spread, axes = np.linalg.eigh(np.cov(one.T) + 1e-9 * np.eye(3))
+    # A stone that hardly varies along an axis says little about it: there the fit stays close to a plain shift.
+    turn = (axes / np.maximum(np.sqrt(spread), _LEAST_SPREAD)).T[::-1].copy()
+    colours = colour_terms(one, laid, middle, turn)
+    bright = (one[:, :1] + 16.0) / 100.0
+    colour, place = np.zeros((colours.shape[1], 3)), np.zeros((2, PLACE_TERMS, 3))
+    weights = np.ones(len(one))
+    for _ in range(_FIT_ROUNDS):
+        rest = np.empty_like(one)
+        for channel in range(3):
+            own = 0.0 if channel == 0 else one[:, channel : channel + 1] / 100.0
+            design = np.concatenate([colours, bright * places, own * places], axis=1)
+            weighted = design * weights[:, np.newaxis]
+            normal = weighted.T @ design
+            ridge = _RIDGE * weights.sum() * np.r_[0.0, np.ones(design.shape[1] - 1)]
+            moved = other[:, channel] - one[:, channel]
+            found = np.linalg.solve(normal + np.diag(ridge), weighted.T @ moved)
+            colour[:, channel] = found[: colours.shape[1]]
+            place[:, :, channel] = found[colours.shape[1] :].reshape(2, PLACE_TERMS)
+            rest[:, channel] = moved - design @ found
+        sizes = np.maximum(_MAD * np.median(np.abs(rest), axis=0), 0.02)
+        weights = 1.0 / (1.0 + ((rest / sizes) ** 2).mean(axis=1) / _CUTOFF**2)
+    return mapped(predicted_lab, inks, middle, turn, colour, place)
+
+
+def _block_moves(sums: Float64Array) -> Float64Array:
+    """Factors (block rows, block cols, 3) of slopes and curvature from sums of blocks and their neighbours."""
+    sums = np.stack(
+        [ndimage.gaussian_filter(sums[..., k], _BLOCK_SMOOTHING, mode="nearest") for k in range(9)], axis=-1
+    )
+    normal = np.empty((*sums.shape[:2], 3, 3))
+    for k, (i, j) in enumerate([(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]):
+        normal[..., i, j] = normal[..., j, i] = sums[..., k]
+    normal += np.eye(3) / _SHIFT_PRIOR_PX**2
+    return np.ascontiguousarray(np.linalg.solve(normal, sums[..., 6:, np.newaxis])[..., 0])
+
+
+def _less_colours_own(expected: FloatImage, values: FloatImage, weight: FloatImage) -> tuple[FloatImage, FloatImage]:
+    """A residual less what colours alike have in common, and how rare each pixel's colour is.
+
+    Firings bend colours more than the smooth function follows. Rarity is the negative logarithm of the share of pixels
+    in a cell of colour.
+    """
+    used = weight > 0.0
+    colours, rest = expected[used], values[used]
+    thin = max(len(colours) // _FIT_SAMPLES, 1)
+    colours, rest = colours[::thin].astype(np.float64), rest[::thin]
+    _, directions = np.linalg.eigh(np.cov(colours.T))
+    axes = np.zeros((2, 4))
+    for k, (direction, cells) in enumerate(zip((directions[:, 2], directions[:, 1]), _COLOUR_CELLS, strict=True)):
+        low, high = np.quantile(colours @ direction, [0.001, 0.999])
+        per_unit = (cells - 1) / max(high - low, _LEAST_SPREAD)
+        axes[k, :3], axes[k, 3] = per_unit * direction, -per_unit * low
+    most = 4.0 * np.maximum(_MAD * np.median(np.abs(rest), axis=0), 0.05).astype(np.float64)
+    sums = colour_sums(expected, values, weight, axes, most, _COLOUR_CELLS)
+    smooth = np.stack(
+        [ndimage.gaussian_filter(sums[..., k], _CELL_SMOOTHING, mode="constant") for k in range(4)], axis=-1
+    )
+    total = sums[..., 3].sum()
+    # Cells of few pixels are left nearly alone, for a defect could be all there is in one.
+    table = smooth[..., :3] / (smooth[..., 3:] + _COLOUR_PRIOR_SHARE * total)
+    rarity = -np.log(smooth[..., 3:] / total + 1e-6)
+    found = by_colour(expected, axes, np.concatenate([table, rarity], axis=-1))
+    values = values - found[..., :3]
+    values[~used] = 0.0
+    return values, np.ascontiguousarray(found[..., 3])
+
+
+def _background(values: FloatImage, valid: Mask, block: int) -> FloatImage:
+    """The residual's slow part: medians of blocks, and again of their surroundings, smoothly joined."""
+    rows, cols = valid.shape
+    high, wide = -(-rows // block), -(-cols // block)
+    medians = np.full((high, wide, 3), np.nan)
+    for i in range(high):
+        for j in range(wide):
+            part = slice(i * block, (i + 1) * block, 2), slice(j * block, (j + 1) * block, 2)
+            good = valid[part]
+            if good.sum() * 3 >= good.size:
+                medians[i, j] = np.median(values[part][good], axis=0)
+    known = ~np.isnan(medians[..., 0])
+    if not known.any():
+        return np.zeros_like(values)
+    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    medians = medians[tuple(nearest)]
+    out = np.empty_like(values)
+    places = [(np.arange(side) + 0.5) / block - 0.5 for side in (rows, cols)]
+    for channel in range(3):
+        slow = ndimage.median_filter(medians[..., channel], _BACKGROUND_BLOCKS, mode="nearest")
+        slow = ndimage.gaussian_filter(slow, 1.0, mode="nearest")
+        out[..., channel] = _joined(slow, *places)
+    return out
+
+
+def _joined(grid: Float64Array, at_row: Float64Array, at_col: Float64Array) -> Float64Array:
+    """Values of a grid at fractional rows and columns, linear between its nodes."""
+    down = np.stack([np.interp(at_row, np.arange(len(grid)), column) for column in grid.T], axis=1)
+    return np.stack([np.interp(at_col, np.arange(grid.shape[1]), row) for row in down])
+
+
+def contrast_of(
+    values: FloatImage, weight: FloatImage, likes: tuple[FloatImage, ...], inner: int, outer: int
+) -> tuple[FloatImage, FloatImage, FloatImage]:
+    """Local contrast of a residual, as it is and in units of its own noise.
+
+    Parameters
+    ----------
+    values, weight
+        As in `Residual`, at any resolution.
+    likes
+        (rows, cols) images on which the noise depends: how busy the prediction is, how light.
+    inner, outer
+        Half sides of the squares between which the surroundings lie, pixels.
+
+    Returns
+    -------
+    contrast, whitened, seen
+        (rows, cols, 3) CIELAB units; (rows, cols, 3) in units of noise, see `whitened_by_noise`; (rows, cols), 0 where
+        nothing is known.
+    """
+    contrast, seen = local_contrast(values, weight, inner, outer)
+    contrast = binomial(contrast)
+    return contrast, whitened_by_noise(contrast, seen, likes), seen
+
+
+def whitened_by_noise(values: FloatImage, weight: FloatImage, likes: tuple[FloatImage, ...]) -> FloatImage:
+    """Values (rows, cols, 3) in units of the tile's own noise: channels not correlated, and of unit variance.
+
+    All estimates are robust. ``likes`` are images (rows, cols) on which the noise depends: pixels with like values are
+    held against each other.
+    """
+    white = _whitening(values, weight)
+    out = np.asarray(values @ white.T.astype(np.float32), dtype=np.float32)
+    for like in likes:
+        out = _evened(out, weight, like)
+    return out
+
+
+def _whitening(values: FloatImage, weight: FloatImage) -> Float64Array:
+    """(3, 3) matrix that gives values (rows, cols, 3) unit covariance, estimated without their outliers."""
+    used = values[weight > 0.0]
+    used = used[:: max(len(used) // 50_000, 1)].astype(np.float64)
+    if len(used) < _LEAST_TO_ESTIMATE:
+        return np.eye(3)
+    sizes = np.maximum(_MAD * np.median(np.abs(used), axis=0), 1e-3)
+    kept = used[(np.abs(used) < 3.0 * sizes).all(axis=1)]
+    covariance = kept.T @ kept / max(len(kept), 1) + 1e-4 * np.eye(3)
+    spread, axes = np.linalg.eigh(covariance)
+    white = (axes / np.sqrt(spread)).T
+    lengths = np.sqrt(((used @ white.T) ** 2).sum(axis=1))
+    return np.asarray(white * (_CHI3_MEDIAN / max(float(np.median(lengths)), 1e-6)), dtype=np.float64)
+
+
+def _evened(whitened: FloatImage, weight: FloatImage, like: FloatImage) -> FloatImage:
+    """Whitened values divided by how much larger they are where another image has like values."""
+    used = weight > 0.0
+    lengths, around = np.sqrt((whitened[used] ** 2).sum(axis=-1)), like[used]
+    thin = max(len(lengths) // 100_000, 1)
+    lengths, around = lengths[::thin], around[::thin]
+    if len(lengths) < 10 * _LEAST_TO_ESTIMATE:
+        return whitened
+    middles, sizes = [], []
+    order = np.argsort(around)
+    for begin, end in itertools.pairwise(_BIN_QUANTILES):
+        part = order[int(begin * len(order)) : int(end * len(order))]
+        if len(part) < _LEAST_TO_ESTIMATE:
+            continue
+        middles.append(float(np.median(around[part])))
+        usual, high = np.quantile(lengths[part], [0.5, 0.97])
+        # Heavy tails count as noise too: stone's edges have them.
+        sizes.append(max(float(usual) / _CHI3_MEDIAN, float(high) / _CHI3_97, _LEAST_SIZE))
+    size = np.interp(like, middles, sizes).astype(np.float32)
+    return np.asarray(whitened / size[..., np.newaxis], dtype=np.float32)
+
+
+def halved(image: FloatImage) -> FloatImage:
+    """Means of two by two pixels of an image (rows, cols) or (rows, cols, 3); an odd last row or column is left out."""
+    rows, cols = (side // 2 for side in image.shape[:2])
+    even = image[: 2 * rows, : 2 * cols]
+    total = even[::2, ::2] + even[1::2, ::2] + even[::2, 1::2] + even[1::2, 1::2]
+    return np.ascontiguousarray(np.float32(0.25) * total)
+
+
+def halved_values(values: FloatImage, weight: FloatImage) -> FloatImage:
+    """Weighted means of two by two pixels of a residual (rows, cols, 3)."""
+    mean = halved(values * weight[..., np.newaxis])
+    return np.asarray(mean / np.maximum(halved(weight), np.float32(0.25))[..., np.newaxis], dtype=np.float32)

@@ -1,0 +1,304 @@
+"""Defects of a fired tile: found as difference from its own predicted face, classed, located, graded.
+
+What firing, light and small shifts explain is taken away first (`tilefab.inspection.defect_residual`). What is left is
+searched for lines along a column (nozzles), bands of rows, thin lines in any direction, and blobs of any size; a find
+must stand out of the tile's own noise and be strong enough to be seen. Defects of the whole print (an ink missing or
+out of register, a second print) are searched for by `tilefab.inspection.defect_print`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from tilefab.colour import delta_e_2000
+from tilefab.inspection.defect_classes import GradeLimits, ShapeLimits, chips_of, classed
+from tilefab.inspection.defect_kernels import line_strengths
+from tilefab.inspection.defect_profiles import ProfileSettings, Stripe, stripes_of
+from tilefab.inspection.defect_residual import (
+    Residual,
+    contrast_of,
+    halved,
+    halved_values,
+    residual_over,
+    whitened_by_noise,
+)
+from tilefab.inspection.records import Defect, DefectKind, Grade
+from tilefab.types import FloatImage, Mask
+
+PressColours = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""Lab (P, 3) of ink fractions (P, N)."""
+
+
+_INNER, _OUTER = 2, 5
+_LINE_REACH_MM, _LINE_WAYS = 1.0, 24
+_LINE_CANDIDATE, _LINE_CLIP = 2.5, 4.0
+_LINE_SAMPLE = 3000
+_JOIN_MM = 0.3
+_LEAST_VALID = 0.02
+_LINE_TYPICAL = 3.0
+_ORDER = {Grade.FIRST: 0, Grade.SECOND: 1, Grade.SCRAP: 2}
+
+
+@dataclass(frozen=True)
+class DefectSettings:
+    """What counts as a defect.
+
+    Attributes
+    ----------
+    margin_mm
+        Strip along the face's edges that is searched for chips only: there, tile and belt mix.
+    least_contrast
+        Smallest contrast to the surroundings of a blob or a thin line, CIELAB units.
+    blob_sigmas, line_sigmas
+        How far a blob's middle, or a piece of a line, must stand out of the tile's noise, standard deviations.
+    largest_px_mm
+        Blobs are sought at all scales up to pixels so large.
+    profiles
+        For lines and bands over the whole tile.
+    shapes, grades
+        How patches are told apart; from sizes and strengths to grades.
+    """
+
+    margin_mm: float = 0.5
+    least_contrast: float = 2.0
+    blob_sigmas: float = 7.0
+    line_sigmas: float = 8.0
+    largest_px_mm: float = 1.6
+    profiles: ProfileSettings = field(default_factory=ProfileSettings)
+    shapes: ShapeLimits = field(default_factory=ShapeLimits)
+    grades: GradeLimits = field(default_factory=GradeLimits)
+
+
+DEFAULTS = DefectSettings()
+
+
+def find_defects(
+    predicted_lab: FloatImage,
+    fired_lab: FloatImage,
+    valid: Mask,
+    px_per_mm: float,
+    *,
+    tile_mask: Mask | None = None,
+    inks: FloatImage | None = None,
+    settings: DefectSettings = DEFAULTS,
+) -> tuple[Defect, ...]:
+    """Defects of a fired tile, the worst first.
+
+    Parameters
+    ----------
+    predicted_lab, fired_lab
+        (rows, cols, 3) float32 CIELAB on the face grid, the tile registered to some tenths of a pixel.
+    valid
+        (rows, cols), True where the image shows the tile.
+    px_per_mm
+        Resolution of the grid.
+    tile_mask
+        (rows, cols), True where there is tile at all: elsewhere it is chipped. None: the whole face.
+    inks
+        (rows, cols, N) ink fractions 0 to 1 that the face was printed with: they tell the line of a nozzle whose ink
+        lies only here and there from a scratch.
+    settings
+        What counts as a defect.
+
+    Returns
+    -------
+    tuple
+        Empty if there are none.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ, or hardly any of the tile is valid.
+    """
+    rows, cols = valid.shape
+    if not predicted_lab.shape == fired_lab.shape == (rows, cols, 3):
+        raise ValueError(f"images {predicted_lab.shape} and {fired_lab.shape} must fit the mask {valid.shape}")
+    margin = max(round(settings.margin_mm * px_per_mm), 1)
+    judged = np.zeros_like(valid)
+    judged[margin:-margin, margin:-margin] = True
+    judged &= ndimage.minimum_filter(valid, 2 * min(margin, 3) + 1)
+    if tile_mask is not None:
+        judged &= ndimage.minimum_filter(tile_mask, 2 * margin + 1)
+    if judged.mean() < _LEAST_VALID:
+        raise ValueError(f"only {100 * judged.mean():.1f} % of the face is seen: too little to look for defects on")
+    rest = residual_over(predicted_lab, fired_lab, judged, px_per_mm, inks)
+    found = _stripes(rest, px_per_mm, inks, settings)
+    found += _patches(rest, px_per_mm, settings)
+    if tile_mask is not None:
+        found += chips_of(tile_mask, px_per_mm, settings.margin_mm, settings.shapes, settings.grades)
+    return tuple(sorted(found, key=lambda defect: (-_ORDER[defect.grade], -defect.severity)))
+
+
+def _stripes(rest: Residual, px_per_mm: float, inks: FloatImage | None, settings: DefectSettings) -> list[Defect]:
+    """Nozzle lines and bands."""
+    limits = settings.profiles
+    whitened = whitened_by_noise(rest.values, rest.weight, rest.likes)
+    lines = stripes_of(
+        rest.values,
+        whitened,
+        rest.weight,
+        _in_pixels(limits.line_widths_mm, px_per_mm),
+        limits.line_sigmas,
+        limits.least_line_contrast,
+        limits.least_share,
+        inks,
+    )
+    bands = stripes_of(
+        rest.values.transpose(1, 0, 2),
+        whitened.transpose(1, 0, 2),
+        rest.weight.T,
+        _in_pixels(limits.band_widths_mm, px_per_mm),
+        limits.band_sigmas,
+        limits.least_band_contrast,
+        limits.least_share,
+    )
+    found = []
+    for line in lines:
+        part = (slice(None), slice(max(line.first, 0), line.first + line.width))
+        found.append(_stripe(rest, part, DefectKind.NOZZLE_LINE, line, limits.line_sigmas, px_per_mm, settings))
+    for band in bands:
+        part = (slice(max(band.first, 0), band.first + band.width), slice(None))
+        found.append(_stripe(rest, part, DefectKind.BANDING, band, limits.band_sigmas, px_per_mm, settings))
+    return found
+
+
+def _in_pixels(widths_mm: tuple[float, ...], px_per_mm: float) -> tuple[int, ...]:
+    return tuple(sorted({max(round(width * px_per_mm), 1) for width in widths_mm}))
+
+
+def _stripe(
+    rest: Residual,
+    part: tuple[slice, slice],
+    kind: DefectKind,
+    stripe: Stripe,
+    sigmas: float,
+    px_per_mm: float,
+    settings: DefectSettings,
+) -> Defect:
+    """A line or a band as a defect: as strong as where it shows best."""
+    values = rest.values[part][rest.weight[part] > 0.0].astype(np.float64)
+    direction = np.array(stripe.contrast) / np.linalg.norm(stripe.contrast)
+    colours = rest.expected[part][rest.weight[part] > 0.0].astype(np.float64)
+    moved = np.abs(values @ direction).mean() * direction
+    difference = float(delta_e_2000(colours.mean(axis=0), colours.mean(axis=0) + moved))
+    high, wide = (piece.indices(side)[1] - piece.indices(side)[0] for piece, side in zip(part, rest.weight.shape))
+    least = (
+        settings.profiles.least_line_contrast if kind is DefectKind.NOZZLE_LINE else settings.profiles.least_band_contrast
+    )
+    contrast = float(np.linalg.norm(stripe.contrast))
+    return Defect(
+        kind,
+        ((part[1].start or 0) + wide / 2.0) / px_per_mm,
+        ((part[0].start or 0) + high / 2.0) / px_per_mm,
+        wide / px_per_mm,
+        high / px_per_mm,
+        wide * high / px_per_mm**2,
+        difference,
+        max(min(stripe.sigmas / sigmas, contrast / least), 1.0),
+        settings.grades.of(kind, size=difference),
+    )
+
+
+def _patches(rest: Residual, px_per_mm: float, settings: DefectSettings) -> list[Defect]:
+    """Blobs and thin lines."""
+    rows, cols = rest.weight.shape
+    level = rest.values - rest.background
+    level[rest.weight <= 0.0] = 0.0
+    fine, weight, likes = level, rest.weight, rest.likes
+    marked = np.zeros((rows, cols), dtype=bool)
+    strength = np.zeros((rows, cols), dtype=np.float32)
+    size = 1
+    while size / px_per_mm <= settings.largest_px_mm and min(weight.shape) > 4 * _OUTER:
+        contrast, whitened, seen = contrast_of(level, weight, likes, _INNER, _OUTER)
+        sigmas = np.sqrt((whitened**2).sum(axis=-1))
+        height = np.sqrt((contrast**2).sum(axis=-1))
+        share = np.minimum(sigmas / settings.blob_sigmas, height / settings.least_contrast)
+        if size == 1:
+            share = np.maximum(share, _lines(whitened, seen, sigmas, px_per_mm, settings))
+        stands = _connected(share)
+        if stands.any():
+            spread = np.kron(np.where(stands, share, 0.0), np.ones((size, size), dtype=np.float32))
+            high, wide = (min(a, b) for a, b in zip(spread.shape, strength.shape))
+            np.maximum(strength[:high, :wide], spread[:high, :wide], out=strength[:high, :wide])
+        level, weight = halved_values(level, weight), halved(weight)
+        likes = tuple(halved(like) for like in likes)
+        size *= 2
+    marked = strength > 0.0
+    return _as_defects(marked, strength, fine, rest, px_per_mm, settings)
+
+
+def _connected(share: FloatImage) -> Mask:
+    """Pixels of at least half the limit that hang together with one that reaches it."""
+    warm = share >= 0.5
+    labels, count = ndimage.label(warm, np.ones((3, 3)))
+    if count == 0:
+        return np.zeros(share.shape, dtype=bool)
+    reached = np.zeros(count + 1, dtype=bool)
+    reached[np.unique(labels[share >= 1.0])] = True
+    reached[0] = False
+    return np.asarray(reached[labels], dtype=bool)
+
+
+def _lines(
+    whitened: FloatImage, seen: FloatImage, sigmas: FloatImage, px_per_mm: float, settings: DefectSettings
+) -> FloatImage:
+    """How strong a thin line through each pixel is, over the least that counts."""
+    reach = max(round(_LINE_REACH_MM * px_per_mm), 3)
+    # A spot isn't to make a star of lines.
+    bounded = whitened * np.minimum(np.float32(1.0), np.float32(_LINE_CLIP) / np.maximum(sigmas, np.float32(1e-6)))[..., np.newaxis]
+    used = np.argwhere(seen > 0.0)
+    sample = used[:: max(len(used) // _LINE_SAMPLE, 1)]
+    out = np.zeros(seen.shape, dtype=np.float32)
+    if not len(sample):
+        return out
+    usual, _ = line_strengths(bounded, seen, sample[:, 0].copy(), sample[:, 1].copy(), reach, _LINE_WAYS)
+    # The best of many directions of plain noise, whose neighbouring pixels are alike, has a median of its own.
+    typical = float(np.median(usual)) / _LINE_TYPICAL
+    row, col = np.nonzero((sigmas > _LINE_CANDIDATE) & (seen > 0.0))
+    found, _ = line_strengths(bounded, seen, row, col, reach, _LINE_WAYS)
+    out[row, col] = found / np.float32(max(typical, 0.5) * settings.line_sigmas)
+    return out
+
+
+def _as_defects(
+    marked: Mask, strength: FloatImage, fine: FloatImage, rest: Residual, px_per_mm: float, settings: DefectSettings
+) -> list[Defect]:
+    """Patches, with those close to each other joined, as defects."""
+    if not marked.any():
+        return []
+    joined = ndimage.binary_dilation(marked, _disc(max(round(_JOIN_MM * px_per_mm), 1)))
+    labels, count = ndimage.label(joined, np.ones((3, 3)))
+    outside = ndimage.binary_dilation(rest.weight <= 0.0, iterations=max(round(_JOIN_MM * px_per_mm), 1) + 1)
+    found = []
+    for number, box in enumerate(ndimage.find_objects(labels, max_label=count), 1):
+        patch = labels[box] == number
+        patch &= rest.weight[box] > 0.0
+        if not patch.any():
+            continue
+        defect = classed(
+            patch,
+            box[0].start,
+            box[1].start,
+            fine[box],
+            rest.expected[box],
+            rest.fired[box],
+            px_per_mm,
+            bool((outside[box] & patch & (strength[box] > 0.0)).any()),
+            float(strength[box][patch].max()),
+            settings.least_contrast,
+            settings.shapes,
+            settings.grades,
+        )
+        if defect is not None:
+            found.append(defect)
+    return found
+
+
+def _disc(radius: int) -> Mask:
+    across = np.arange(-radius, radius + 1)
+    return np.asarray(across**2 + across[:, np.newaxis] ** 2 <= radius * radius + 1, dtype=bool)

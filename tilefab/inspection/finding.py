@@ -1,0 +1,525 @@
+"""A tile on the belt: where its outline lies in an image, also if parts of it are broken off or hidden.
+
+The belt is what the image's border shows most of. On a reduced copy all that differs from it is the tile; the outline
+of that has four directions at right angles in which many points share a line: the sides. A side of which too little is
+left is put where the tile's size says. Then each side is found in the image itself, to a fraction of a pixel.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from tilefab.inspection.records import ImageProblem
+from tilefab.slab.surround import perceptual
+from tilefab.types import FloatImage, Mask, SizeMm
+
+MOST_SIZE_ERROR = 0.04
+"""A tile that differs by more than this share from its size is another tile."""
+
+Float64Array = NDArray[np.float64]
+
+_LEAST_SIDE_PX = 48
+_REDUCED_SIDE_PX = 340
+_RING_CELLS = 3
+_DARKEST, _CLIPPED = 0.012, 0.985
+_MOST_CLIPPED = 0.5
+_LEAST_TORN = 0.01
+_NOISE_COLUMNS = 8
+_LEAST_DIFFERENCE_DE, _MOST_DIFFERENCE_DE, _SCATTER_FACTOR = 4.0, 12.0, 4.0
+_LEAST_PIECE = 0.004
+_LEAST_TILE = 0.04
+_SECOND_TILE = 0.08
+_LEAST_SIDE_SEEN = 0.1
+_LEAST_SIDE_CELLS = 8
+_WHOLE_SIDE = 0.6
+_COARSE_STEP_DEG, _FINE_STEP_DEG = 1.5, 0.25
+_COARSE_BIN, _FINE_BIN = 4.0, 1.5
+_EDGE_POINTS = 128
+_EDGE_DEPTH_PX = 3.0
+_TRIED_POINTS = 24
+_NEAR_LINE_PX = 0.8
+_MOST_SLOPE = 0.03
+_SIDE_FOR_TURN = 0.4
+_EDGE_REACH_CELLS = 3.0
+_EDGE_STEP_PX = 0.5
+_LEAST_EDGE_CONTRAST = 0.01
+_LEAST_EDGE_POINTS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class FoundTile:
+    """A tile in an image.
+
+    Attributes
+    ----------
+    corners_px
+        (4, 2) float64: (x, y) of the outline's corners, pixel centres at +0.5, clockwise from the one that is the upper
+        left as the tile lies in the image, turned by less than 45 degrees.
+    mask
+        bool (rows, cols): pixels that show the tile; what lies upon it counts as tile unless it looks like the belt.
+    visible
+        Share of the outline that is tile, 0 to 1.
+    sides_seen
+        Whether the upper, right, lower and left side were seen; the others are put where the tile's size says.
+    across
+        Whether the tile's width lies along the image's columns instead of its rows, as far as the outline tells; for a
+        square always False.
+    px_per_mm
+        Resolution of the image at the tile, from the sides that were seen, or as given.
+    """
+
+    corners_px: Float64Array
+    mask: Mask
+    visible: float
+    sides_seen: tuple[bool, bool, bool, bool]
+    across: bool
+    px_per_mm: float
+
+
+@dataclass(frozen=True)
+class _Box:
+    """A rectangle turned by an angle: lines at distances along two axes, in cells.
+
+    ``low`` and ``high`` are of the axes across (x) and down (y) in the turned frame; ``seen`` are shares of sides that
+    lie on their lines: left, upper, right, lower.
+    """
+
+    angle_rad: float
+    low: tuple[float, float]
+    high: tuple[float, float]
+    seen: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class _Sized:
+    """A box whose unseen sides are where the size puts them; see `_Box` and `FoundTile`."""
+
+    box: _Box
+    known: tuple[bool, bool, bool, bool]
+    across: bool
+    px_per_mm: float
+
+
+def find_tile(xyz: FloatImage, size_mm: SizeMm, *, px_per_mm: float | None = None) -> FoundTile | ImageProblem:
+    """Find the one tile in an image, or say why the image is of no use.
+
+    Parameters
+    ----------
+    xyz
+        float32 (rows, cols, 3), linear XYZ D50, 1 = the perfect white.
+    size_mm
+        Size of the finished tile.
+    px_per_mm
+        Resolution of the image, if the camera is calibrated: then a tile of another size is told from a broken one.
+
+    Raises
+    ------
+    ValueError
+        If the image isn't (rows, cols, 3), or the size or the resolution isn't positive.
+    """
+    if xyz.ndim != 3 or xyz.shape[2] != 3:
+        raise ValueError(f"an image must be (rows, cols, 3), not {xyz.shape}")
+    if not (size_mm.width > 0 and size_mm.height > 0):
+        raise ValueError(f"a tile of {size_mm.width:g} x {size_mm.height:g} mm: sizes must be more than 0")
+    if px_per_mm is not None and not px_per_mm > 0:
+        raise ValueError(f"px_per_mm {px_per_mm} must be more than 0")
+    if min(xyz.shape[:2]) < _LEAST_SIDE_PX:
+        return ImageProblem.NO_TILE
+    light = np.ascontiguousarray(xyz[:, :, 1])
+    bad = _exposure(light)
+    if bad is not None:
+        return bad
+    cell = max(1, -(-max(light.shape) // _REDUCED_SIDE_PX))
+    small = _reduced(xyz, cell)
+    belt_lab, limit_de = _belt(small)
+    if _torn(light, float(np.median(small[_ring(small.shape), 1]))):
+        return ImageProblem.TORN
+    lab = perceptual(small.astype(np.float64))
+    differs = np.sqrt(((lab - belt_lab) ** 2).sum(axis=-1)) > limit_de
+    scale = None if px_per_mm is None else px_per_mm / cell
+    sized = _outline(differs, size_mm, scale)
+    if isinstance(sized, ImageProblem):
+        return sized
+    corners, seen_px_per_mm = _refined(light, sized, size_mm, cell)
+    mask, visible = _mask(light, differs, corners, cell)
+    return FoundTile(corners, mask, visible, sized.known, sized.across, seen_px_per_mm)
+
+
+def _exposure(light: NDArray[np.float32]) -> ImageProblem | None:
+    some = light[::4, ::4]
+    if float(np.percentile(some, 99.0)) < _DARKEST:
+        return ImageProblem.BLACK
+    if float((some >= _CLIPPED).mean()) > _MOST_CLIPPED:
+        return ImageProblem.BLOWN_OUT
+    return None
+
+
+def _reduced(xyz: FloatImage, cell: int) -> FloatImage:
+    """Means of squares of ``cell`` pixels; what is left over at the far edges is dropped."""
+    if cell == 1:
+        return xyz
+    rows, cols = xyz.shape[0] // cell, xyz.shape[1] // cell
+    out = np.zeros((rows, cols, 3), dtype=np.float32)
+    for row in range(cell):
+        for col in range(cell):
+            out += xyz[row : rows * cell : cell, col : cols * cell : cell]
+    out *= np.float32(1.0 / (cell * cell))
+    return out
+
+
+def _ring(shape: tuple[int, ...]) -> Mask:
+    out = np.ones(shape[:2], dtype=np.bool_)
+    out[_RING_CELLS:-_RING_CELLS, _RING_CELLS:-_RING_CELLS] = False
+    return out
+
+
+def _belt(small: FloatImage) -> tuple[Float64Array, float]:
+    """The belt's Lab, and how far from it a cell must be not to be belt."""
+    lab = perceptual(small[_ring(small.shape)].astype(np.float64))
+    middle = np.median(lab, axis=0)
+    scatter = float(np.median(np.sqrt(((lab - middle) ** 2).sum(axis=-1))))
+    limit = float(np.clip(_SCATTER_FACTOR * scatter, _LEAST_DIFFERENCE_DE, _MOST_DIFFERENCE_DE))
+    return np.asarray(middle, dtype=np.float64), limit
+
+
+def _torn(light: NDArray[np.float32], belt: float) -> bool:
+    """Whether rows or columns are missing: all of one value, or the same as the one before, where no others are.
+
+    An image without any noise has even rows of belt, which prove nothing.
+    """
+    for plane in (light, light.T):
+        ends = np.concatenate([plane[:, :_NOISE_COLUMNS], plane[:, -_NOISE_COLUMNS:]], axis=1)
+        noisy = float((np.ptp(ends, axis=1) > 0.0).mean()) > 0.5
+        even = np.ptp(plane, axis=1) == 0.0
+        if not noisy:
+            even &= np.abs(plane[:, 0] - belt) > 0.2 * belt + 0.004
+            repeated = np.zeros(len(plane) - 1, dtype=np.bool_)
+        else:
+            repeated = (plane[1:] == plane[:-1]).all(axis=1)
+        if even.mean() >= _LEAST_TORN or repeated.mean() >= _LEAST_TORN:
+            return True
+    return False
+
+
+def _outline(differs: Mask, size_mm: SizeMm, scale: float | None) -> _Sized | ImageProblem:
+    """The tile's rectangle on cells, from all that differs from the belt."""
+    labels, count = ndimage.label(ndimage.binary_opening(differs, np.ones((3, 3))))
+    areas = np.bincount(labels.ravel(), minlength=count + 1)
+    areas[0] = 0
+    if count == 0 or areas.max() < _LEAST_TILE * differs.size:
+        return ImageProblem.NO_TILE
+    large = np.flatnonzero(areas >= _LEAST_PIECE * differs.size)
+    problem = ImageProblem.NO_TILE
+    # A dark thing across a tile leaves pieces of it: all pieces together are tried before the largest alone.
+    for parts in [large] if len(large) == 1 else [large, np.array([areas.argmax()])]:
+        piece = np.isin(labels, parts)
+        box = _box(piece)
+        sized = ImageProblem.NO_TILE if box is None else _sized(box, size_mm, scale)
+        if isinstance(sized, ImageProblem):
+            problem = sized
+            continue
+        if len(parts) == len(large) > 1 and not all(sized.known):
+            continue
+        inside = _inside(_corners(sized.box), differs.shape, 2.0)
+        within = np.bincount(labels[inside], minlength=count + 1)
+        outside = areas - within
+        if outside.max() >= _SECOND_TILE * inside.sum():
+            problem = ImageProblem.TWO_TILES
+            continue
+        return sized
+    if problem is ImageProblem.WRONG_SIZE and _two(areas):
+        return ImageProblem.TWO_TILES
+    return problem
+
+
+def _two(areas: NDArray[np.int64]) -> bool:
+    """Whether there are two pieces of like size."""
+    first, second = np.sort(areas)[::-1][:2]
+    return bool(second >= 0.5 * first)
+
+
+def _box(piece: Mask) -> _Box | None:
+    """The turned rectangle that most points of a shape's outline lie on."""
+    x, y = _outline_points(piece)
+    if len(x) < 4 * _LEAST_SIDE_CELLS:
+        return None
+    angle = 0.0
+    for step, around, width in ((_COARSE_STEP_DEG, 45.0, _COARSE_BIN), (_FINE_STEP_DEG, 2.0, _FINE_BIN)):
+        tried = angle + np.radians(np.arange(-around, around, step))
+        counts = [[_peaks(along, width)[0] for along in _turned(x, y, turned)] for turned in tried]
+        scores = (np.array(counts) ** 2).sum(axis=(1, 2))
+        angle = float(tried[int(np.argmax(scores))])
+    angle = (angle + math.pi / 4) % (math.pi / 2) - math.pi / 4
+    low, high, seen = [], [], []
+    for along in _turned(x, y, angle):
+        counts, places = _peaks(along, _FINE_BIN)
+        near = [np.abs(along - place) <= _FINE_BIN for place in places]
+        places = [float(np.median(along[one])) if one.any() else place for one, place in zip(near, places, strict=True)]
+        low.append(places[0])
+        high.append(places[1])
+        seen.append(counts)
+    wide, tall = high[0] - low[0], high[1] - low[1]
+    if min(wide, tall) < _LEAST_SIDE_CELLS:
+        return None
+    shares = (seen[0][0] / tall, seen[1][0] / wide, seen[0][1] / tall, seen[1][1] / wide)
+    return _Box(angle, (low[0], low[1]), (high[0], high[1]), shares)
+
+
+def _turned(x: Float64Array, y: Float64Array, angle: float) -> tuple[Float64Array, Float64Array]:
+    """Places of points along two axes turned by an angle."""
+    cos, sin = math.cos(angle), math.sin(angle)
+    return cos * x + sin * y, cos * y - sin * x
+
+
+def _peaks(along: Float64Array, width: float) -> tuple[Float64Array, list[float]]:
+    """Where most points lie in the lower and in the upper half of an axis: how many, (2,), and where."""
+    start = float(along.min()) - 0.5 * width
+    counts = np.bincount(((along - start) / width).astype(np.int64), minlength=3).astype(np.float64)
+    # A line may run along the limit between two bins.
+    counts[:-1] += counts[1:]
+    half = max(1, len(counts) // 2)
+    low, high = int(np.argmax(counts[:half])), half + int(np.argmax(counts[half:]))
+    return counts[[low, high]], [start + (low + 1.0) * width, start + (high + 1.0) * width]
+
+
+def _outline_points(piece: Mask) -> tuple[Float64Array, Float64Array]:
+    """First and last cell of each row and each column, as points on the cells' outer edges."""
+    rows, cols = np.flatnonzero(piece.any(axis=1)), np.flatnonzero(piece.any(axis=0))
+    left, right = piece[rows].argmax(axis=1), piece.shape[1] - piece[rows, ::-1].argmax(axis=1)
+    upper, lower = piece[:, cols].argmax(axis=0), piece.shape[0] - piece[::-1, cols].argmax(axis=0)
+    x = np.concatenate([left, right, cols + 0.5, cols + 0.5])
+    y = np.concatenate([rows + 0.5, rows + 0.5, upper, lower])
+    # What is cut off by the image's border has no side there.
+    within = (x > 0) & (y > 0) & (x < piece.shape[1]) & (y < piece.shape[0])
+    return x[within].astype(np.float64), y[within].astype(np.float64)
+
+
+def _sized(box: _Box, size_mm: SizeMm, scale: float | None) -> _Sized | ImageProblem:
+    """The box with sides that weren't seen put where the size says; ``scale`` in cells per millimetre."""
+    results = [_sized_as(box, size_mm, scale, across) for across in (False, True)]
+    if size_mm.width == size_mm.height:
+        results = results[:1]
+    fitting = [(error, sized) for error, sized in results if sized is not None]
+    if not fitting:
+        seen = sum(share >= _WHOLE_SIDE for share in box.seen)
+        return ImageProblem.WRONG_SIZE if seen >= 3 else ImageProblem.NO_TILE
+    return min(fitting, key=lambda pair: pair[0])[1]
+
+
+def _sized_as(box: _Box, size_mm: SizeMm, scale: float | None, across: bool) -> tuple[float, _Sized | None]:
+    """Fit of a box to the tile lying one way: its error, and the sized box; None if it can't be."""
+    wanted = (size_mm.height, size_mm.width) if across else (size_mm.width, size_mm.height)
+    known = [share >= _LEAST_SIDE_SEEN for share in box.seen]
+    extent = [box.high[axis] - box.low[axis] for axis in range(2)]
+    scales = [extent[axis] / wanted[axis] if known[axis] and known[axis + 2] else 0.0 for axis in range(2)]
+    if scale is None and min(scales) > 0.0 and abs(scales[0] / scales[1] - 1.0) > MOST_SIZE_ERROR:
+        # One pair of sides is too close: the lesser seen of it is no side but a break.
+        short = int(np.argmin(scales))
+        scale_now = max(scales)
+    else:
+        short = -1
+        scale_now = scale if scale is not None else max(scales)
+    if not scale_now > 0.0:
+        return math.inf, None
+    for axis in range(2):
+        if scales[axis] == 0.0 or (scale is None and axis != short):
+            continue
+        error = scales[axis] / scale_now - 1.0
+        if abs(error) <= MOST_SIZE_ERROR:
+            continue
+        weaker = axis if box.seen[axis] < box.seen[axis + 2] else axis + 2
+        if error > 0.0 or box.seen[weaker] > _WHOLE_SIDE:
+            return math.inf, None
+        known[weaker] = False
+        scales[axis] = 0.0
+    good = [value for value in scales if value > 0.0]
+    own = float(np.mean(good)) if good else scale_now
+    low, high, error = list(box.low), list(box.high), 0.0
+    for axis in range(2):
+        length = own * wanted[axis]
+        if known[axis] and known[axis + 2]:
+            error += abs(extent[axis] / length - 1.0)
+        elif known[axis]:
+            high[axis] = low[axis] + length
+        elif known[axis + 2]:
+            low[axis] = high[axis] - length
+        else:
+            return math.inf, None
+        if extent[axis] > (1.0 + MOST_SIZE_ERROR) * length + 2.0:
+            return math.inf, None
+        error += max(0.0, 1.0 - extent[axis] / length)
+    four = (known[1], known[2], known[3], known[0])
+    return error, _Sized(_Box(box.angle_rad, (low[0], low[1]), (high[0], high[1]), box.seen), four, across, own)
+
+
+def _corners(box: _Box) -> Float64Array:
+    """Corners (4, 2) of a box, clockwise from its upper left one."""
+    cos, sin = math.cos(box.angle_rad), math.sin(box.angle_rad)
+    along = np.array(
+        [(box.low[0], box.low[1]), (box.high[0], box.low[1]), (box.high[0], box.high[1]), (box.low[0], box.high[1])]
+    )
+    return np.stack([cos * along[:, 0] - sin * along[:, 1], sin * along[:, 0] + cos * along[:, 1]], axis=-1)
+
+
+def _inside(corners: Float64Array, shape: tuple[int, ...], more: float = 0.0) -> Mask:
+    """Cells or pixels whose middle lies within a clockwise quadrilateral, or up to ``more`` outside."""
+    x = np.arange(shape[1], dtype=np.float32) + np.float32(0.5)
+    y = (np.arange(shape[0], dtype=np.float32) + np.float32(0.5))[:, np.newaxis]
+    out = np.ones(shape[:2], dtype=np.bool_)
+    for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        along = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
+        level = float(along[1] * start[0] - along[0] * start[1]) + more
+        out &= np.float32(along[0]) * y - np.float32(along[1]) * x + np.float32(level) >= 0.0
+    return out
+
+
+def _refined(light: NDArray[np.float32], sized: _Sized, size_mm: SizeMm, cell: int) -> tuple[Float64Array, float]:
+    """Corners where the sides meet, each seen side fitted to the points half way between belt and tile; px_per_mm."""
+    corners = _corners(sized.box) * cell
+    rough = [(start, _unit(end - start)) for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
+    points = [
+        _edge_points(light, start, end, cell) if known else (np.empty(0), np.empty(0))
+        for start, end, known in zip(corners, np.roll(corners, -1, axis=0), sized.known, strict=True)
+    ]
+    fits = [_robust_line(down, offset, None) for down, offset in points]
+    turns = [fit.slope for fit in fits if fit is not None and fit.share >= _SIDE_FOR_TURN]
+    lines = []
+    for (start, along), (down, offset), fit in zip(rough, points, fits, strict=True):
+        if fit is None or fit.share < _SIDE_FOR_TURN:
+            # Too short a piece says where a side lies, but hardly how it is turned: as the others are.
+            fit = _robust_line(down, offset, float(np.median(turns)) if turns else 0.0)
+        inward = np.array([-along[1], along[0]])
+        turned = fit or _Fit(float(np.median(turns)) if turns else 0.0, 0.0, 0.0)
+        lines.append((start + turned.height * inward, _unit(along + turned.slope * inward)))
+    high, wide = (size_mm.width, size_mm.height) if sized.across else (size_mm.height, size_mm.width)
+    middle = corners.mean(axis=0)
+    measured = [
+        (_away(lines[side], middle) + _away(lines[side + 2], middle)) / length
+        for side, length in ((0, high), (1, wide))
+        if sized.known[side] and sized.known[side + 2]
+    ]
+    px_per_mm = float(np.mean(measured)) if measured else sized.px_per_mm * cell
+    for side, length in enumerate((high, wide, high, wide)):
+        if not sized.known[side]:
+            point, along = lines[(side + 2) % 4]
+            inward = np.array([-along[1], along[0]])
+            lines[side] = (point + length * px_per_mm * inward, -along)
+    return np.array([_meet(lines[side - 1], lines[side]) for side in range(4)]), px_per_mm
+
+
+def _unit(vector: Float64Array) -> Float64Array:
+    return np.asarray(vector / np.linalg.norm(vector), dtype=np.float64)
+
+
+def _away(line: tuple[Float64Array, Float64Array], point: Float64Array) -> float:
+    """How far a point lies inward of a side."""
+    (x, y), (along_x, along_y) = line
+    return float(along_x * (point[1] - y) - along_y * (point[0] - x))
+
+
+def _edge_points(
+    light: NDArray[np.float32], start: Float64Array, end: Float64Array, cell: int
+) -> tuple[Float64Array, Float64Array]:
+    """Points of a side: how far along it from its start, and how far inward of the rough one."""
+    length = float(np.linalg.norm(end - start))
+    along = (end - start) / length
+    inward = np.array([-along[1], along[0]])
+    reach = _EDGE_REACH_CELLS * cell + 2.0
+    across = np.arange(-reach, reach + _EDGE_DEPTH_PX + 1e-9, _EDGE_STEP_PX)
+    down = (np.arange(_EDGE_POINTS) + 0.5) / _EDGE_POINTS * length
+    places = start + down[:, np.newaxis, np.newaxis] * along + across[:, np.newaxis] * inward
+    inside = ((places >= 0.0) & (places <= np.array(light.shape[::-1]))).all(axis=(1, 2))
+    down, places = down[inside], places[inside]
+    if len(down) < _LEAST_EDGE_POINTS:
+        return np.empty(0), np.empty(0)
+    level = ndimage.map_coordinates(
+        light, [places[..., 1] - 0.5, places[..., 0] - 0.5], order=1, mode="nearest", prefilter=False
+    )
+    outer = level[:, : max(3, len(across) // 8)]
+    belt = float(np.median(outer))
+    lift = level - belt
+    if float(np.median(lift[:, -len(across) // 3 :])) < 0.0:
+        lift = -lift  # a tile darker than the belt
+    noise = 1.4826 * float(np.median(np.abs(outer - belt)))
+    first = np.argmax(lift > max(_LEAST_EDGE_CONTRAST, 6.0 * noise), axis=1)
+    # The stone's own light just inside, beyond the blur, is what the half is of: further in it may be another.
+    deep = round(_EDGE_DEPTH_PX / _EDGE_STEP_PX)
+    rows = np.arange(len(down))
+    full = np.median([lift[rows, np.minimum(first + deep + k, len(across) - 1)] for k in (-1, 0, 1)], axis=0)
+    over = (lift >= 0.5 * full[:, np.newaxis]) & (np.arange(len(across)) >= first[:, np.newaxis] - deep)
+    step = np.argmax(over, axis=1)
+    good = (first > 0) & (step > 0) & (full > max(_LEAST_EDGE_CONTRAST, 0.4 * float(np.median(full))))
+    rows, step, full = rows[good], step[good], full[good]
+    before, after = lift[rows, step - 1], lift[rows, step]
+    part = (0.5 * full - before) / np.maximum(after - before, 1e-9)
+    offset = across[step - 1] + np.clip(part, 0.0, 1.0) * _EDGE_STEP_PX
+    return down[good], np.asarray(offset, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """A side's line: slope and height over the rough one, and the share of the side that lies on it."""
+
+    slope: float
+    height: float
+    share: float
+
+
+def _robust_line(down: Float64Array, offset: Float64Array, slope: float | None) -> _Fit | None:
+    """The line on which most points lie, then fitted to those; of a given slope, if there is one.
+
+    All pairs of a thinned set are tried, so the result depends on no chance.
+    """
+    if len(down) < _LEAST_EDGE_POINTS:
+        return None
+    if slope is None:
+        some = np.linspace(0, len(down) - 1, min(len(down), _TRIED_POINTS)).astype(np.int64)
+        one, two = np.triu_indices(len(some), 1)
+        run = down[some[two]] - down[some[one]]
+        far = run > 0.2 * np.ptp(down)
+        one, two, run = some[one[far]], some[two[far]], run[far]
+        slopes = (offset[two] - offset[one]) / run
+        level = np.abs(slopes) <= _MOST_SLOPE
+        if not level.any():
+            return None
+        slopes = slopes[level]
+        heights = offset[one[level]] - slopes * down[one[level]]
+    else:
+        slopes = np.full(len(down), slope)
+        heights = offset - slope * down
+    away = np.abs(offset - heights[:, np.newaxis] - slopes[:, np.newaxis] * down)
+    best = int(np.argmin(np.minimum(away, _NEAR_LINE_PX).sum(axis=1)))
+    fitted, height = float(slopes[best]), float(heights[best])
+    keep = away[best] <= _NEAR_LINE_PX
+    for _ in range(3):
+        if keep.sum() < _LEAST_EDGE_POINTS:
+            return None
+        if slope is None:
+            fitted, height = (float(value) for value in np.polyfit(down[keep], offset[keep], 1))
+        else:
+            height = float(np.mean(offset[keep] - fitted * down[keep]))
+        residual = np.abs(offset - height - fitted * down)
+        keep = residual <= float(np.clip(3.0 * 1.4826 * np.median(residual[keep]), 0.1, _NEAR_LINE_PX))
+    return _Fit(fitted, height, float(keep.sum()) / _EDGE_POINTS)
+
+
+def _meet(one: tuple[Float64Array, Float64Array], other: tuple[Float64Array, Float64Array]) -> Float64Array:
+    """Where two lines cross."""
+    steps = np.linalg.solve(np.column_stack([one[1], -other[1]]), other[0] - one[0])
+    return np.asarray(one[0] + steps[0] * one[1], dtype=np.float64)
+
+
+def _mask(light: NDArray[np.float32], differs: Mask, corners: Float64Array, cell: int) -> tuple[Mask, float]:
+    """Pixels that show the tile, and their share of the outline."""
+    inside = _inside(corners / cell, differs.shape)
+    solid = ndimage.binary_fill_holes(ndimage.binary_opening(differs & inside, np.ones((3, 3))))
+    visible = float(solid.sum() / max(1, inside.sum()))
+    whole = np.repeat(np.repeat(np.asarray(solid, dtype=np.bool_), cell, axis=0), cell, axis=1)
+    short = [(0, light.shape[axis] - whole.shape[axis]) for axis in range(2)]
+    mask = np.pad(whole, short, mode="edge")
+    return np.asarray(mask & (light < _CLIPPED), dtype=np.bool_), visible

@@ -1,0 +1,174 @@
+"""Whether an image shows a face: brought to lie on it exactly, and compared with it place by place.
+
+What lies on a tile (a label, a glove) isn't in the face. Where the image differs from the face it matters how: a place
+that is flat where the face isn't, or lighter or darker than any of it, is covered and says nothing; a place that shows
+stone, but another, says that this is another face.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from tilefab.inspection.views import Cells, Plane, blurred, cells_of_image, cells_of_view, detail
+from tilefab.types import Mask, SizePx
+
+Float64Array = NDArray[np.float64]
+
+COMPARED_PX = 128
+_ALIGNED_PX = (32, 64)
+_STEPS = 4
+_STILL_CELLS = 0.05
+_AROUND = 3.0
+_MOST_MOVED = 0.04
+_WINDOW_CELLS = 3.5
+_DETAIL_CELLS = 6.0
+_ALIKE = 0.5
+_LEAST_CONTRAST_L = 0.15
+_FLAT = 0.15
+_BEYOND_L = 4.0
+_COVER_MARGIN = 7
+_LEAST_COVER = 0.004
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """How an image of a tile compares with a face.
+
+    Attributes
+    ----------
+    matrix
+        (3, 3) from (x, y, 1), shares of the face's width and height from its upper left corner, to image pixels.
+    alike
+        bool (rows, cols) on a grid over the face: where they are alike.
+    compared
+        bool: where they could be compared: seen, not covered, and the face not plain.
+    seen
+        Share of the face that is seen and not covered, 0 to 1.
+    likeness
+        Correlation over all that could be compared, -1 to 1; 0 if nothing could be.
+    """
+
+    matrix: Float64Array
+    alike: Mask
+    compared: Mask
+    seen: float
+    likeness: float
+
+    @property
+    def differs(self) -> float:
+        """Share of what could be compared that differs, 0 to 1; 1 if nothing could be."""
+        count = int(self.compared.sum())
+        return 1.0 - float((self.alike & self.compared).sum()) / count if count else 1.0
+
+    @property
+    def share(self) -> float:
+        """Share of the face that could be compared."""
+        return float(self.compared.mean())
+
+
+def compare(light: Plane, mask: Mask, matrix: Float64Array, view: Plane) -> Comparison:
+    """Compare an image of a tile with a face.
+
+    Parameters
+    ----------
+    light
+        float32 (rows, cols) Y, linear.
+    mask
+        bool (rows, cols): pixels that show the tile.
+    matrix
+        (3, 3): where the face lies in the image to about 1 %, see `Comparison`.
+    view
+        The face, (rows, cols) L*, its longer side at least `COMPARED_PX`.
+    """
+    lies = matrix
+    for long_px in _ALIGNED_PX:
+        lies = _aligned(light, mask, lies, cells_of_view(view, _grid(view, long_px)))
+    if _moved(matrix, lies) > _MOST_MOVED:
+        lies = matrix
+    grid = _grid(view, COMPARED_PX)
+    return _compared(cells_of_image(light, mask, lies @ _shares(grid), grid), cells_of_view(view, grid), lies)
+
+
+def _grid(view: Plane, long_px: int) -> SizePx:
+    longest = max(view.shape)
+    return SizePx(max(1, round(view.shape[0] * long_px / longest)), max(1, round(view.shape[1] * long_px / longest)))
+
+
+def _shares(grid: SizePx) -> Float64Array:
+    """From cells of a grid to shares of the face."""
+    return np.diag([1.0 / grid.cols, 1.0 / grid.rows, 1.0])
+
+
+def _moved(one: Float64Array, other: Float64Array) -> float:
+    """Farthest that a corner of the face lies from where it was, share of the face's longer side."""
+    square = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 1.0], [0.0, 1.0, 1.0]])
+    places = [points[:, :2] / points[:, 2:] for points in (square @ one.T, square @ other.T)]
+    side = float(np.linalg.norm(places[0] - np.roll(places[0], 1, axis=0), axis=1).max())
+    return float(np.linalg.norm(places[0] - places[1], axis=1).max()) / max(side, 1e-9)
+
+
+def _aligned(light: Plane, mask: Mask, matrix: Float64Array, face: Cells) -> Float64Array:
+    """Matrix moved by affine steps until the image lies on the face; cells that differ much count little.
+
+    Gauss-Newton, inverse compositional (Baker and Matthews 2004, "Lucas-Kanade 20 years on", section 3.2).
+    """
+    grid = SizePx(*face.seen.shape)
+    x = (np.arange(grid.cols) + 0.5) / grid.cols
+    y = (np.arange(grid.rows)[:, np.newaxis] + 0.5) / grid.rows
+    for _ in range(_STEPS):
+        cells = cells_of_image(light, mask, matrix @ _shares(grid), grid)
+        if not cells.seen.any():
+            return matrix
+        seen = Cells(face.lightness, cells.seen)
+        wanted, shown = detail(seen, _AROUND).astype(np.float64), detail(cells, _AROUND).astype(np.float64)
+        down, across = np.gradient(wanted)
+        down, across = down * grid.rows, across * grid.cols
+        # Next to what isn't seen the gradient is that of the gap.
+        weight = ndimage.binary_erosion(cells.seen, border_value=1).astype(np.float64)
+        spread = float(np.sqrt((weight * wanted * wanted).sum() / max(weight.sum(), 1.0))) + 1e-6
+        weight /= 1.0 + ((shown - wanted) / spread) ** 2
+        one = np.ones_like(wanted)
+        slopes = np.stack([across * x, across * y, across * one, down * x, down * y, down * one, wanted], axis=-1)
+        design = slopes.reshape(-1, 7)
+        normal = design.T @ (weight.reshape(-1, 1) * design)
+        normal += (1e-6 * np.trace(normal) / 7.0 + 1e-9) * np.eye(7)
+        found = np.linalg.solve(normal, design.T @ (weight * (shown - wanted)).ravel())
+        a, b, c, d, e, f, _ = (float(value) for value in found)
+        step = np.array([[1.0 + a, b, c], [d, 1.0 + e, f], [0.0, 0.0, 1.0]])
+        if abs(float(np.linalg.det(step)) - 1.0) > 0.2:
+            return matrix
+        matrix = matrix @ np.linalg.inv(step)
+        if float(np.abs(found[:6]).max()) < _STILL_CELLS / max(grid.rows, grid.cols):
+            break
+    return matrix
+
+
+def _compared(image: Cells, face: Cells, matrix: Float64Array) -> Comparison:
+    seen = image.seen
+    weights = seen.astype(np.float32)
+    shown, wanted = detail(image, _DETAIL_CELLS), detail(Cells(face.lightness, seen), _DETAIL_CELLS)
+    both = blurred(shown * wanted, weights, _WINDOW_CELLS)
+    of_shown = blurred(shown * shown, weights, _WINDOW_CELLS)
+    of_wanted = blurred(wanted * wanted, weights, _WINDOW_CELLS)
+    alike = both > np.float32(_ALIKE) * np.sqrt(of_shown * of_wanted)
+    busy = seen & (of_wanted > np.float32(_LEAST_CONTRAST_L**2))
+    good = alike & busy
+    gain = float(np.median(of_shown[good] / of_wanted[good])) if good.any() else 1.0
+    flat = of_shown < np.float32(_FLAT * gain) * of_wanted
+    level = blurred(image.lightness - face.lightness, weights, _WINDOW_CELLS)
+    offset = float(np.median(level[good])) if good.any() else float(np.median(level[seen])) if seen.any() else 0.0
+    smooth = blurred(face.lightness, np.ones_like(weights), _WINDOW_CELLS)
+    own = blurred(image.lightness, weights, _WINDOW_CELLS) - offset
+    beyond = (own < smooth.min() - _BEYOND_L) | (own > smooth.max() + _BEYOND_L)
+    covered = seen & ~alike & ((flat & busy) | beyond)
+    if covered.mean() > _LEAST_COVER:
+        covered = ndimage.maximum_filter(covered, size=2 * _COVER_MARGIN + 1)
+    compared = busy & ~covered
+    keep = compared.astype(np.float32)
+    norm = float(np.sqrt((shown * shown * keep).sum() * (wanted * wanted * keep).sum()))
+    likeness = float((shown * wanted * keep).sum()) / norm if norm > 0.0 else 0.0
+    return Comparison(matrix, alike, compared, float((seen & ~covered).mean()), likeness)
