@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: install demo test check docs bench soak profiles clean
+.PHONY: install demo demo-line test check docs bench soak profiles clean
 .DEFAULT_GOAL := demo
 
 install: $(STAMP)
@@ -20,6 +20,11 @@ $(STAMP): pyproject.toml
 demo: install
 	$(BIN)/tilefab run jobs/demo.toml
 	@echo "Look at out/demo/report.pdf, out/demo/proofs and out/demo/faces."
+
+# The loop, live: a simulated line at sixty times its pace, a kiln that drifts, tiles that tell. Five minutes.
+demo-line: install
+	$(BIN)/python -m sim.demo_line
+	@echo "Look at out/demo_line/report.pdf."
 
 # One thread of linear algebra for each of the two workers: more would only wait for each other.
 test: install

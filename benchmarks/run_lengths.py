@@ -22,8 +22,8 @@ from tilefab.inspection.spc import CusumChart, EwmaChart, ShewhartChart
 
 _MOST_OFF_PERCENT = 2.0
 
-# In control: Montgomery, "Introduction to Statistical Quality Control", sections 5.3.1 and 9.1.4, table 9.3; Lucas and
-# Saccucci, Technometrics 32 (1990), table 3. Shifted by one standard deviation: the same places.
+# Montgomery, "Introduction to Statistical Quality Control", chapters 5 (single values) and 9 (CUSUM); Lucas and
+# Saccucci, Technometrics 32 (1990) (EWMA).
 _PUBLISHED: tuple[tuple[str, Chart, float, float], ...] = (
     ("single values, 3 sigma", ShewhartChart(3.0), 0.0, 370.4),
     ("CUSUM, k 0.5, h 5", CusumChart(0.5, 5.0), 0.0, 465.0),

@@ -1,7 +1,8 @@
 """Defects on tiles: in print data before firing, or on the fired tile. All of them tell where they are.
 
 Print data are (rows, cols, N) uint8 or uint16, 0 = no ink, row 0 first: a failed nozzle leaves a line along a column.
-Fired tiles are (rows, cols, 3) float32, linear sRGB. Everything is drawn from a Generator; images given stay as they are.
+Fired tiles are (rows, cols, 3) float32, linear sRGB. Everything is drawn from a Generator; images given stay as they
+are.
 """
 
 from __future__ import annotations
@@ -95,7 +96,7 @@ def banding(
     pitch_mm: float = 12.0,
     ink: int | None = None,
 ) -> tuple[PrintData, SeededDefect]:
-    """Bands across the printing direction: ink (one, or all) swings by a share ``depth`` with a pitch along the rows."""
+    """Bands across the printing direction: an ink, or all, swings by a share ``depth`` with a pitch along the rows."""
     rows = pixels.shape[0]
     phase = float(generator.uniform(0.0, 2.0 * math.pi))
     wave = 1.0 + depth * np.sin(2.0 * math.pi * np.arange(rows) / (pitch_mm * px_per_mm) + phase)
@@ -127,12 +128,15 @@ def spot(
 
 
 def pinhole(
-    fired: FiredTile, generator: np.random.Generator, *, px_per_mm: float, diameter_mm: float = 0.3, factor: float = 0.35
+    fired: FiredTile,
+    generator: np.random.Generator,
+    *,
+    px_per_mm: float,
+    diameter_mm: float = 0.3,
+    factor: float = 0.35,
 ) -> tuple[FiredTile, SeededDefect]:
     """A small dark hole in the glaze."""
-    return spot(
-        fired, generator, px_per_mm=px_per_mm, diameter_mm=diameter_mm, factor=factor, kind="pinhole"
-    )
+    return spot(fired, generator, px_per_mm=px_per_mm, diameter_mm=diameter_mm, factor=factor, kind="pinhole")
 
 
 def crack(

@@ -23,7 +23,9 @@ from tests.line_workshop import (
 from tilefab.control import line_machine as machine
 from tilefab.control.ledger import ArmState
 from tilefab.control.line_machine import LineState
+from tilefab.pipeline.line.book import FaceBook
 from tilefab.pipeline.line.correction_maps import KeptMaps
+from tilefab.pipeline.line.desk import Desk
 from tilefab.pipeline.line.probe import CORRECTION_STEPS
 
 pytestmark = pytest.mark.xdist_group("line")
@@ -41,6 +43,11 @@ def corrections_of(place: Workplace) -> list[int]:
     """Of every arm of the run that was printed, in order."""
     with contextlib.closing(place.journal()) as journal:
         return [arm.correction for arm in journal.arms() if arm.state is not ArmState.UNPRINTED]
+
+
+def faces_under_way(book: FaceBook) -> set[int]:
+    """Faces whose tiles aren't decided, as far as the journal has it."""
+    return {arm.intent.face for arm in book.active.values()}
 
 
 def test_a_daemon_killed_at_any_step_of_a_correction_prints_every_face_as_the_journal_has_it(line: Line) -> None:
@@ -67,10 +74,15 @@ def test_faces_that_are_put_down_keep_the_correction_they_were_put_down_with(tmp
                 assert work.book is not None
                 ahead = {intent.face for intent in work.book.pool}
                 assert ahead
-                number = await hand.daemon.corrector.correct(
-                    work.book.run_id, made_up_drift(place.job.plan, 1), "too dark"
-                )
-                assert number == 1
+                desk = Desk(lambda *_, **__: None)
+                desk.attend(hand.daemon)
+                assert desk.status().correction is None
+                assert await desk.correct(work.book.run_id, made_up_drift(place.job.plan, 1), "too dark") == 1
+                shown = desk.status().correction
+                assert shown is not None
+                assert (shown.number, shown.reason) == (1, "too dark")
+                assert await desk.corrections(None) == (work.book.run_id, [shown])
+                assert b'tilefab_line_correction{line="workshop"} 1.0' in desk.metrics()
                 told = [facts for kind, facts in hand.told if kind == "correction"]
                 assert [(facts["number"], facts["reason"]) for facts in told] == [(1, "too dark")]
                 assert {intent.correction for intent in work.book.pool if intent.face in ahead} <= {0}
@@ -78,6 +90,11 @@ def test_faces_that_are_put_down_keep_the_correction_they_were_put_down_with(tmp
                 again = hand.daemon.corrector.correct(work.book.run_id, made_up_drift(place.job.plan, 1), "again")
                 assert await again == 1
                 await hand.until(lambda: place.source.corrections == {1})
+                # What the inspector has to say doesn't stop the line.
+                desk.warn("colour_signal", "darker by 2.1")
+                assert [(alarm.code, alarm.message) for alarm in desk.alarms()] == [("colour_signal", "darker by 2.1")]
+                assert hand.state is LineState.RUNNING
+                await desk.close()
                 # Held, stopped, resumed: what was put down is still printed as it was.
                 hand.order(machine.OperatorHold())
                 await hand.resume()
@@ -91,6 +108,32 @@ def test_faces_that_are_put_down_keep_the_correction_they_were_put_down_with(tmp
         assert set(found) == {0, 1}
         assert found == sorted(found)
         assert judged.faces == {"passed": 60}
+
+
+def test_a_reprint_comes_with_the_correction_in_use(tmp_path: Path) -> None:
+    with workplace(tmp_path, rate=20.0, corrected=True, count=40) as (plant, place):
+
+        async def work() -> None:
+            async with at_work(plant, place) as hand:
+                await hand.start()
+                book = hand.daemon.book
+                assert book is not None
+                # Passed, and put down so.
+                await hand.until(lambda: hand.daemon.tiles_passed > 0 and 0 not in faces_under_way(book))
+                await hand.daemon.corrector.correct(book.run_id, made_up_drift(place.job.plan, 1), "too dark")
+                desk = Desk(lambda *_, **__: None)
+                desk.attend(hand.daemon)
+                await desk.command("reprint", {"face": 0})
+                await desk.close()
+                await hand.finish()
+
+        asyncio.run(work())
+        with contextlib.closing(place.journal()) as journal:
+            arms = [arm for arm in journal.arms() if arm.face == 0]
+        assert [(arm.attempt, arm.correction, arm.state) for arm in arms] == [
+            (1, 0, ArmState.PASSED),
+            (2, 1, ArmState.PASSED),
+        ]
 
 
 def test_a_restarted_daemon_goes_on_with_the_latest_correction(tmp_path: Path) -> None:
@@ -115,8 +158,8 @@ def test_a_restarted_daemon_goes_on_with_the_latest_correction(tmp_path: Path) -
 
 
 def test_the_real_maker_corrects_while_the_line_runs(tmp_path: Path) -> None:
-    """A map of its own process: the line prints on meanwhile, and the next daemon finds the map kept."""
-    with workplace(tmp_path, rate=2.0, corrected=True, count=120) as (plant, place):
+    """A map is made by a process of its own: the line prints on meanwhile, and the next daemon finds the map kept."""
+    with workplace(tmp_path, rate=2.0, corrected=True, count=20_000) as (plant, place):
         place.maps = KeptMaps()
 
         async def work() -> None:
@@ -127,26 +170,27 @@ def test_the_real_maker_corrects_while_the_line_runs(tmp_path: Path) -> None:
                 before = hand.prints
                 drift = made_up_drift(place.job.plan, 80)
                 assert await hand.daemon.corrector.correct(book.run_id, drift, "faded") == 1
-                # Tiles were printed meanwhile.
-                assert hand.prints > before + 3
+                assert hand.prints > before + 3, "nothing was printed meanwhile"
                 assert place.source.corrections == {1}
-                assert not {"underrun", "deadman_plc", "deadman_printer", "journal_slow", "armed_late"} & {*hand.alarms}
+                assert not {"underrun", "deadman_plc", "deadman_printer", "journal_slow"} & {*hand.alarms}
                 plant.do("rate", rate=20)
                 await hand.until(lambda: any(arm.intent.correction == 1 for arm in book.active.values()))
 
         asyncio.run(work())
         place.source.keep_only(())
-        kept = list(place.job.plan.output.glob("maps/*.press.tfmap"))
+        kept = sorted(place.job.plan.output.glob("maps/*.press.tfmap"))
         assert len(kept) == 2
 
         async def again() -> None:
             async with at_work(plant, place) as hand:
                 await hand.start()
                 assert place.source.corrections == {1}
-                await hand.finish()
+                await hand.until_prints(20)
+                hand.order(machine.OperatorStop())
+                await hand.until_state(LineState.STOPPED)
 
         asyncio.run(again())
-        assert list(place.job.plan.output.glob("maps/*.press.tfmap")) == kept
-        judged = judge(plant, place, check_pixels=40)
+        assert sorted(place.job.plan.output.glob("maps/*.press.tfmap")) == kept
+        judged = judge(plant, place, finished=False, check_pixels=40)
         assert not judged.wrong
         assert set(corrections_of(place)) == {0, 1}

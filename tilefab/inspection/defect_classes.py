@@ -14,6 +14,8 @@ from tilefab.types import FloatImage, Mask
 
 Float64Array = NDArray[np.float64]
 
+_PEAK = 0.97
+
 
 @dataclass(frozen=True)
 class ShapeLimits:
@@ -89,7 +91,7 @@ def classed(
     fired: FloatImage,
     px_per_mm: float,
     at_edge: bool,
-    strength: float,
+    strength: FloatImage,
     least_contrast: float,
     shapes: ShapeLimits,
     grades: GradeLimits,
@@ -109,7 +111,7 @@ def classed(
     at_edge
         Whether it reaches the strip along the face's edges.
     strength
-        How far it stands out of the noise, over the least that is reported.
+        (h, w) how far each pixel stands out, over the least that is reported; 0 for pixels that only lie around.
     least_contrast
         Smallest contrast of a defect, CIELAB units.
     shapes, grades
@@ -120,10 +122,10 @@ def classed(
     Defect or None
         None if what stands out of it is too faint to be seen.
     """
-    mean = rest[patch].astype(np.float64).mean(axis=0)
+    mean = np.average(rest[patch].astype(np.float64), axis=0, weights=strength[patch])
     direction = mean / max(float(np.linalg.norm(mean)), 1e-9)
     along = np.where(patch, rest.astype(np.float64) @ direction, 0.0)
-    high = float(np.quantile(along[patch], 0.9))
+    high = float(np.quantile(along[patch], _PEAK))
     # As wide as at half its height: what blur adds on either side, it takes from the height.
     core = patch & (along > 0.5 * high)
     contrast = float(along[core].mean()) if core.any() else 0.0
@@ -152,7 +154,7 @@ def classed(
         (int(rows.max()) - int(rows.min()) + 1) / px_per_mm,
         area,
         float(difference),
-        max(min(strength, contrast / least_contrast), 1.0),
+        max(float(strength[patch].max()), 1.0),
         grades.of(kind, size=size),
     )
 
@@ -166,7 +168,9 @@ def _extent(rows: NDArray[np.int64], cols: NDArray[np.int64], px_per_mm: float) 
     return length / px_per_mm, len(rows) / length / px_per_mm
 
 
-def chips_of(tile: Mask, px_per_mm: float, margin_mm: float, shapes: ShapeLimits, grades: GradeLimits) -> tuple[Defect, ...]:
+def chips_of(
+    tile: Mask, px_per_mm: float, margin_mm: float, shapes: ShapeLimits, grades: GradeLimits
+) -> tuple[Defect, ...]:
     """Places at the edges where there is no tile.
 
     Parameters
@@ -180,7 +184,12 @@ def chips_of(tile: Mask, px_per_mm: float, margin_mm: float, shapes: ShapeLimits
     shapes, grades
         From what area on; and the grades.
     """
-    # The face lies in the middle of nothing: so edges count as missing neighbours, and are taken away by opening.
+    # A print that lies off the middle leaves a strip without tile along a whole side: that is no chip.
+    tile = tile.copy()
+    for turned in (tile, tile[::-1], tile.T, tile.T[::-1]):
+        strip = int(np.median(np.where(turned.any(axis=0), turned.argmax(axis=0), 0)))
+        turned[:strip] = True
+    # What goes on beyond the face's edge counts as missing there, too; what is narrow is taken away by opening.
     margin = max(round(margin_mm * px_per_mm), 1)
     missing = np.pad(~tile, margin, mode="edge")
     side = 2 * margin + 1

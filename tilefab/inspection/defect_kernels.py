@@ -1,4 +1,4 @@
-"""Inner loops of defect finding over whole tiles: arrays in, arrays out; see `tilefab.inspection.defect_residual`.
+"""Inner loops of explaining a fired tile: arrays in, arrays out; see `tilefab.inspection.defect_residual`.
 
 Images are float32 (rows, cols, 3), in CIELAB; pixels of no use have weight 0. The twins ``..._plain`` say the same in
 NumPy, slowly; tests hold the kernels against them.
@@ -12,7 +12,6 @@ from scipy import ndimage
 
 from tilefab.jit import kernel
 from tilefab.types import FloatImage
-
 
 Float64Array = NDArray[np.float64]
 
@@ -122,6 +121,26 @@ def mapped_plain(
 
 
 @kernel
+def means_of(image: FloatImage, step: int) -> FloatImage:
+    """Means (rows // step, cols // step, K) over squares of ``step`` pixels of an image (rows, cols, K)."""
+    high, wide, channels = image.shape[0] // step, image.shape[1] // step, image.shape[2]
+    out = np.zeros((high, wide, channels), dtype=np.float32)
+    share = np.float32(1.0 / (step * step))
+    for row in range(high * step):
+        for col in range(wide * step):
+            for c in range(channels):
+                out[row // step, col // step, c] += share * image[row, col, c]
+    return out
+
+
+def means_of_plain(image: FloatImage, step: int) -> Float64Array:
+    """Twin of `means_of`."""
+    high, wide = image.shape[0] // step, image.shape[1] // step
+    parts = np.asarray(image[: high * step, : wide * step], dtype=np.float64)
+    return np.asarray(parts.reshape(high, step, wide, step, image.shape[2]).mean(axis=(1, 3)), dtype=np.float64)
+
+
+@kernel
 def binomial(image: FloatImage) -> FloatImage:
     """Smoothed by 1 2 1 in both directions; beyond the edges lie the edge's own pixels."""
     rows, cols, channels = image.shape
@@ -137,7 +156,9 @@ def binomial(image: FloatImage) -> FloatImage:
         above, below = max(row - 1, 0), min(row + 1, rows - 1)
         for col in range(cols):
             for c in range(channels):
-                out[row, col, c] = half * across[row, col, c] + quarter * (across[above, col, c] + across[below, col, c])
+                out[row, col, c] = half * across[row, col, c] + quarter * (
+                    across[above, col, c] + across[below, col, c]
+                )
     return out
 
 
@@ -291,7 +312,12 @@ def residual_of_plain(
 
 @kernel
 def colour_sums(
-    lab: FloatImage, values: FloatImage, weight: FloatImage, axes: Float64Array, most: Float64Array, shape: tuple[int, int]
+    lab: FloatImage,
+    values: FloatImage,
+    weight: FloatImage,
+    axes: Float64Array,
+    most: Float64Array,
+    shape: tuple[int, int],
 ) -> Float64Array:
     """Sums of a residual by the prediction's colour.
 
@@ -342,7 +368,12 @@ def _cells_plain(lab: FloatImage, axes: Float64Array, shape: tuple[int, int]) ->
 
 
 def colour_sums_plain(
-    lab: FloatImage, values: FloatImage, weight: FloatImage, axes: Float64Array, most: Float64Array, shape: tuple[int, int]
+    lab: FloatImage,
+    values: FloatImage,
+    weight: FloatImage,
+    axes: Float64Array,
+    most: Float64Array,
+    shape: tuple[int, int],
 ) -> Float64Array:
     """Twin of `colour_sums`."""
     i, j = np.floor(_cells_plain(lab, axes, shape) + 0.5).astype(np.int64)
@@ -385,154 +416,62 @@ def by_colour_plain(lab: FloatImage, axes: Float64Array, table: Float64Array) ->
 
 
 @kernel
-def local_contrast(residual: FloatImage, weight: FloatImage, inner: int, outer: int) -> tuple[FloatImage, FloatImage]:
-    """A residual less its mean over the ring between two squares around each pixel.
-
-    Parameters
-    ----------
-    residual
-        (rows, cols, 3).
-    weight
-        (rows, cols).
-    inner, outer
-        Half sides of the squares, pixels: the ring is what the outer has and the inner hasn't.
+def block_means(values: FloatImage, weight: FloatImage, most: Float64Array, block: int) -> Float64Array:
+    """Sums over blocks of a residual, each pixel's cut to ``most`` (3,), and of the weight.
 
     Returns
     -------
-    contrast, seen
-        (rows, cols, 3), 0 where nothing is known; and (rows, cols), the weight where the ring has at least a third of
-        its pixels, else 0.
+    ndarray
+        (block rows, block cols, 4).
     """
     rows, cols = weight.shape
-    # Running sums over rows, of columns; then over columns: each pixel costs the same whatever the squares' size.
-    out, seen = np.zeros_like(residual), np.zeros_like(weight)
-    tall_outer, tall_inner = np.zeros((cols, 4)), np.zeros((cols, 4))
-    least = ((2 * outer + 1) ** 2 - (2 * inner + 1) ** 2) / 3.0
-    wide_sum, near_sum = np.zeros(4), np.zeros(4)
-    for row in range(-outer, rows):
-        for half, tall in ((outer, tall_outer), (inner, tall_inner)):
-            enters, leaves = row + half, row - half - 1
-            if 0 <= enters < rows:
-                for col in range(cols):
-                    share = weight[enters, col]
-                    tall[col, 3] += share
-                    for c in range(3):
-                        tall[col, c] += share * residual[enters, col, c]
-            if 0 <= leaves < rows:
-                for col in range(cols):
-                    share = weight[leaves, col]
-                    tall[col, 3] -= share
-                    for c in range(3):
-                        tall[col, c] -= share * residual[leaves, col, c]
-        if row < 0:
-            continue
-        wide_sum[:], near_sum[:] = 0.0, 0.0
-        for col in range(-outer, cols):
-            for half, tall, total in ((outer, tall_outer, wide_sum), (inner, tall_inner, near_sum)):
-                enters, leaves = col + half, col - half - 1
-                if 0 <= enters < cols:
-                    for c in range(4):
-                        total[c] += tall[enters, c]
-                if 0 <= leaves < cols:
-                    for c in range(4):
-                        total[c] -= tall[leaves, c]
-            if col < 0 or weight[row, col] <= 0.0:
-                continue
-            around = wide_sum[3] - near_sum[3]
-            if around < least:
-                continue
-            seen[row, col] = weight[row, col]
-            for c in range(3):
-                out[row, col, c] = residual[row, col, c] - (wide_sum[c] - near_sum[c]) / around
-    return out, seen
+    out = np.zeros(((rows + block - 1) // block, (cols + block - 1) // block, 4))
+    for row in range(rows):
+        i = row // block
+        for col in range(cols):
+            share = weight[row, col]
+            if share > 0.0:
+                j = col // block
+                for c in range(3):
+                    out[i, j, c] += share * min(max(values[row, col, c], -most[c]), most[c])
+                out[i, j, 3] += share
+    return out
 
 
-def local_contrast_plain(
-    residual: FloatImage, weight: FloatImage, inner: int, outer: int
-) -> tuple[Float64Array, Float64Array]:
-    """Twin of `local_contrast`."""
-    share = np.asarray(weight, dtype=np.float64)
-    values = np.concatenate([share[..., np.newaxis] * residual, share[..., np.newaxis]], axis=-1)
-
-    def over(half: int) -> Float64Array:
-        ones = np.ones(2 * half + 1)
-        down = ndimage.correlate1d(values, ones, axis=0, mode="constant")
-        return np.asarray(ndimage.correlate1d(down, ones, axis=1, mode="constant"), dtype=np.float64)
-
-    ring = over(outer) - over(inner)
-    least = ((2 * outer + 1) ** 2 - (2 * inner + 1) ** 2) / 3.0
-    seen = np.where((share > 0.0) & (ring[..., 3] >= least - 1e-9), share, 0.0)
-    mean = ring[..., :3] / np.maximum(ring[..., 3:], 1e-9)
-    return np.where(seen[..., np.newaxis] > 0.0, residual - mean, 0.0), seen
+def block_means_plain(values: FloatImage, weight: FloatImage, most: Float64Array, block: int) -> Float64Array:
+    """Twin of `block_means`."""
+    cut = np.clip(np.asarray(values, dtype=np.float64), -most, most)
+    counted = np.concatenate([cut, np.ones((*weight.shape, 1))], axis=-1) * weight[..., np.newaxis]
+    counted = np.pad(counted, [*((0, -side % block) for side in weight.shape), (0, 0)])
+    shape = (counted.shape[0] // block, block, counted.shape[1] // block, block, 4)
+    return np.asarray(counted.reshape(shape).sum(axis=(1, 3)), dtype=np.float64)
 
 
 @kernel
-def line_strengths(
-    whitened: FloatImage, weight: FloatImage, at_row: NDArray[np.int64], at_col: NDArray[np.int64], reach: int, ways: int
-) -> tuple[FloatImage, NDArray[np.int64]]:
-    """How strong a straight line through each of some pixels is, in its best direction.
-
-    Parameters
-    ----------
-    whitened
-        (rows, cols, 3) contrast, every channel of about unit variance and not correlated with the others.
-    weight
-        (rows, cols), 0 where nothing is known.
-    at_row, at_col
-        (P,) pixels.
-    reach
-        Pixels of the line on either side of its middle.
-    ways
-        How many directions over the half circle.
-
-    Returns
-    -------
-    strength, way
-        (P,) length of the mean vector times the root of the number of pixels, largest over directions, and which
-        direction that is; 0 where less than half of a line is seen.
-    """
+def less_blocks(values: FloatImage, weight: FloatImage, grid: Float64Array, block: int) -> FloatImage:
+    """A residual less values (block rows, block cols, 3) in the middles of blocks, linear between; 0 without weight."""
     rows, cols = weight.shape
-    strength, way = np.zeros(at_row.size, dtype=np.float32), np.zeros(at_row.size, dtype=np.int64)
-    steps_x, steps_y = np.empty((ways, 2 * reach + 1), np.int64), np.empty((ways, 2 * reach + 1), np.int64)
-    for k in range(ways):
-        angle = np.pi * k / ways
-        for t in range(-reach, reach + 1):
-            steps_x[k, t + reach] = int(np.floor(t * np.cos(angle) + 0.5))
-            steps_y[k, t + reach] = int(np.floor(t * np.sin(angle) + 0.5))
-    for p in range(at_row.size):
-        best, best_way = 0.0, 0
-        for k in range(ways):
-            one, two, three, count = 0.0, 0.0, 0.0, 0
-            for t in range(2 * reach + 1):
-                row, col = at_row[p] + steps_y[k, t], at_col[p] + steps_x[k, t]
-                if 0 <= row < rows and 0 <= col < cols and weight[row, col] > 0.0:
-                    one += whitened[row, col, 0]
-                    two += whitened[row, col, 1]
-                    three += whitened[row, col, 2]
-                    count += 1
-            if count > reach:
-                power = (one * one + two * two + three * three) / count
-                if power > best:
-                    best, best_way = power, k
-        strength[p], way[p] = np.sqrt(best), best_way
-    return strength, way
+    high, wide = grid.shape[:2]
+    out = np.zeros_like(values)
+    for row in range(rows):
+        at = min(max((row + 0.5) / block - 0.5, 0.0), high - 1.0)
+        i = int(at)
+        below, down = min(i + 1, high - 1), at - i
+        for col in range(cols):
+            if weight[row, col] <= 0.0:
+                continue
+            across = min(max((col + 0.5) / block - 0.5, 0.0), wide - 1.0)
+            j = int(across)
+            after, right = min(j + 1, wide - 1), across - j
+            for c in range(3):
+                top = grid[i, j, c] * (1.0 - right) + grid[i, after, c] * right
+                bottom = grid[below, j, c] * (1.0 - right) + grid[below, after, c] * right
+                out[row, col, c] = values[row, col, c] - top * (1.0 - down) - bottom * down
+    return out
 
 
-def line_strengths_plain(
-    whitened: FloatImage, weight: FloatImage, at_row: NDArray[np.int64], at_col: NDArray[np.int64], reach: int, ways: int
-) -> tuple[Float64Array, NDArray[np.int64]]:
-    """Twin of `line_strengths`."""
-    rows, cols = weight.shape
-    along = np.arange(-reach, reach + 1)
-    powers = np.zeros((ways, at_row.size))
-    for k in range(ways):
-        angle = np.pi * k / ways
-        row = at_row[:, np.newaxis] + np.floor(along * np.sin(angle) + 0.5).astype(np.int64)
-        col = at_col[:, np.newaxis] + np.floor(along * np.cos(angle) + 0.5).astype(np.int64)
-        inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
-        row, col = np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1)
-        used = inside & (weight[row, col] > 0.0)
-        total = np.where(used[..., np.newaxis], whitened[row, col].astype(np.float64), 0.0).sum(axis=1)
-        count = used.sum(axis=1)
-        powers[k] = np.where(count > reach, (total**2).sum(axis=1) / np.maximum(count, 1), 0.0)
-    return np.sqrt(powers.max(axis=0)), np.argmax(powers, axis=0)
+def less_blocks_plain(values: FloatImage, weight: FloatImage, grid: Float64Array, block: int) -> Float64Array:
+    """Twin of `less_blocks`."""
+    places = np.meshgrid(*((np.arange(side) + 0.5) / block - 0.5 for side in weight.shape), indexing="ij")
+    slow = [ndimage.map_coordinates(grid[..., c], places, order=1, mode="nearest") for c in range(3)]
+    return np.where(weight[..., np.newaxis] > 0.0, values - np.stack(slow, axis=-1), 0.0)

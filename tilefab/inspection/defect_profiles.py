@@ -19,7 +19,6 @@ Float64Array = NDArray[np.float64]
 
 _MAD = 1.4826
 _CHI3_MEDIAN = 1.5382
-_CLIP = 4.0
 _LEAST_SIDE_PX, _BLUR_PX = 4, 2
 _PARTS = 16
 _LEAST_PART_PX = 20
@@ -70,6 +69,7 @@ def stripes_of(
     values: FloatImage,
     whitened: FloatImage,
     weight: FloatImage,
+    share: FloatImage,
     widths_px: tuple[int, ...],
     sigmas: float,
     least_contrast: float,
@@ -84,6 +84,8 @@ def stripes_of(
         (rows, cols, 3) residual in CIELAB units and in units of noise.
     weight
         (rows, cols), 0 where the tile isn't judged.
+    share
+        (rows, cols) the same times how much each pixel counts: outliers less.
     widths_px
         Widths to try.
     sigmas, least_contrast, least_share
@@ -99,9 +101,6 @@ def stripes_of(
     rows = weight.shape[0]
     parts = max(min(_PARTS, rows // _LEAST_PART_PX), 1)
     edges = np.linspace(0, rows, parts + 1).astype(np.int64)
-    # Outliers are cut down, so that a spot or a crack doesn't make a column.
-    lengths = np.sqrt((whitened**2).sum(axis=-1))
-    share = weight * np.minimum(np.float32(1.0), np.float32(_CLIP) / np.maximum(lengths, np.float32(1e-6)))
     noise = np.add.reduceat(whitened * share[..., np.newaxis], edges[:-1], axis=0).astype(np.float64)
     colour = np.add.reduceat(values * share[..., np.newaxis], edges[:-1], axis=0).astype(np.float64)
     counts = np.add.reduceat(weight, edges[:-1], axis=0).astype(np.float64)
@@ -198,9 +197,7 @@ def _all_along(
     there = inks[:, max(first, 0) : first + width].mean(axis=1, dtype=np.float64)
     there = np.add.reduceat(there, edges[:-1], axis=0)[known]
     strength = np.maximum(shown[known], 0.0)
-    likeness = strength @ there / np.maximum(
-        np.linalg.norm(strength) * np.linalg.norm(there, axis=0), 1e-12
-    )
+    likeness = strength @ there / np.maximum(np.linalg.norm(strength) * np.linalg.norm(there, axis=0), 1e-12)
     # Not if the ink is everywhere: a scratch would do.
     uneven = there.min(axis=0) < 0.3 * there.max(axis=0)
     return bool((uneven & (likeness > _INK_LIKENESS)).any())

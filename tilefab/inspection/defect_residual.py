@@ -20,21 +20,24 @@ from scipy import ndimage
 from tilefab.inspection.defect_kernels import (
     PLACE_TERMS,
     binomial,
+    block_means,
     block_sums,
     by_colour,
     colour_sums,
     colour_terms,
-    local_contrast,
+    less_blocks,
     mapped,
+    means_of,
     place_terms,
     residual_of,
 )
+from tilefab.inspection.defect_search_kernels import in_noise, local_contrast
 from tilefab.types import FloatImage, Mask
-
 
 Float64Array = NDArray[np.float64]
 
-_FIT_MM, _FIT_SAMPLES, _FIT_ROUNDS = 0.4, 20_000, 8
+_FIT_MM, _FIT_SAMPLES, _FIT_ROUNDS = 0.4, 8_000, 4
+_SAMPLES = 20_000
 _LEAST_SPREAD = 3.0
 _RIDGE = 1e-5
 _CUTOFF = 3.0
@@ -62,12 +65,12 @@ class Residual:
         (rows, cols) float32: 1 where the tile is judged, 0 elsewhere.
     expected, fired
         (rows, cols, 3) float32: the prediction with this firing's colours, and the tile, both a little smoothed.
+    fine
+        (rows, cols, 3) float32: the values less their slow part, over some 16 mm.
     likes
-        (rows, cols) float32 images on which the noise depends: how light the prediction is, how steep around each
-        pixel (CIELAB units a pixel), and how rare its colour is on the tile, so that little is known of what the
-        firing does to it.
-    background
-        (rows, cols, 3) float32: the residual's slow part, still contained in ``values``.
+        (rows, cols, 3) float32: what the noise depends on: how light the prediction is, how steep around each pixel
+        (CIELAB units a pixel), and how rare its colour is on the tile, so that little is known of what the firing does
+        to it.
     moved_px
         Mean shift that the blocks were given, (x, y): what registration left.
     """
@@ -76,8 +79,8 @@ class Residual:
     weight: FloatImage
     expected: FloatImage
     fired: FloatImage
-    likes: tuple[FloatImage, ...]
-    background: FloatImage
+    fine: FloatImage
+    likes: FloatImage
     moved_px: tuple[float, float]
 
 
@@ -104,23 +107,29 @@ def residual_over(
     fired = binomial(np.where(valid[..., np.newaxis], fired_lab, expected))
     expected = binomial(expected)
     weight = valid.astype(np.float32)
-    rest = np.abs((fired - expected)[valid])
-    scale = np.maximum(_MAD * np.median(rest[:: max(len(rest) // 50_000, 1)], axis=0), 0.05).astype(np.float64)
+    rest = (fired - expected)[valid]
+    scale = np.maximum(_MAD * np.median(np.abs(_thinned(rest)), axis=0), 0.05).astype(np.float64)
     block = max(round(_BLOCK_MM * px_per_mm), 8)
     moves = _block_moves(block_sums(expected, fired, weight, scale, block))
     values = residual_of(expected, fired, weight, moves, block)
     values, rarity = _less_colours_own(expected, values, weight)
-    slope_y, slope_x = np.gradient(expected[..., 0])
+    light = np.ascontiguousarray(expected[..., 0])
+    slope_y, slope_x = np.gradient(light)
     busy = np.sqrt(ndimage.uniform_filter(slope_x * slope_x + slope_y * slope_y, 5, mode="nearest"))
     return Residual(
         values,
         weight,
         expected,
         fired,
-        (np.ascontiguousarray(expected[..., 0]), np.asarray(busy, dtype=np.float32), rarity),
-        _background(values, valid, block),
+        less_blocks(values, weight, _slow_part(values, weight, block), block),
+        np.stack([light, busy, rarity], axis=-1).astype(np.float32),
         (float(moves[..., 0].mean()), float(moves[..., 1].mean())),
     )
+
+
+def _thinned(values: NDArray[np.floating]) -> NDArray[np.floating]:
+    """At most some ten thousand of values (P, ...), evenly spread."""
+    return values[:: max(len(values) // _SAMPLES, 1)]
 
 
 def firing_applied(
@@ -136,15 +145,9 @@ def firing_applied(
     step = max(round(_FIT_MM * px_per_mm), 1)
     whole = ndimage.minimum_filter(valid, 3)
     high, wide = rows // step, cols // step
-
-    def means(image: FloatImage) -> Float64Array:
-        return np.asarray(
-            image[: high * step, : wide * step].reshape(high, step, wide, step, -1).mean(axis=(1, 3)), dtype=np.float64
-        )
-
-    used = means(whole.astype(np.float32)[..., np.newaxis])[..., 0] > 0.999
+    used = means_of(whole.astype(np.float32)[..., np.newaxis], step)[..., 0] > 0.999
     places = place_terms(high, wide)[used]
-    one, other, laid = means(predicted_lab)[used], means(fired_lab)[used], means(inks)[used]
+    one, other, laid = (means_of(image, step)[used].astype(np.float64) for image in (predicted_lab, fired_lab, inks))
     thin = max(len(one) // _FIT_SAMPLES, 1)
     places, one, other, laid = places[::thin], one[::thin], other[::thin], laid[::thin]
     middle = one.mean(axis=0)
@@ -192,9 +195,7 @@ def _less_colours_own(expected: FloatImage, values: FloatImage, weight: FloatIma
     in a cell of colour.
     """
     used = weight > 0.0
-    colours, rest = expected[used], values[used]
-    thin = max(len(colours) // _FIT_SAMPLES, 1)
-    colours, rest = colours[::thin].astype(np.float64), rest[::thin]
+    colours, rest = _thinned(expected[used]).astype(np.float64), _thinned(values[used])
     _, directions = np.linalg.eigh(np.cov(colours.T))
     axes = np.zeros((2, 4))
     for k, (direction, cells) in enumerate(zip((directions[:, 2], directions[:, 1]), _COLOUR_CELLS, strict=True)):
@@ -216,110 +217,92 @@ def _less_colours_own(expected: FloatImage, values: FloatImage, weight: FloatIma
     return values, np.ascontiguousarray(found[..., 3])
 
 
-def _background(values: FloatImage, valid: Mask, block: int) -> FloatImage:
-    """The residual's slow part: medians of blocks, and again of their surroundings, smoothly joined."""
-    rows, cols = valid.shape
-    high, wide = -(-rows // block), -(-cols // block)
-    medians = np.full((high, wide, 3), np.nan)
-    for i in range(high):
-        for j in range(wide):
-            part = slice(i * block, (i + 1) * block, 2), slice(j * block, (j + 1) * block, 2)
-            good = valid[part]
-            if good.sum() * 3 >= good.size:
-                medians[i, j] = np.median(values[part][good], axis=0)
-    known = ~np.isnan(medians[..., 0])
+def _slow_part(values: FloatImage, weight: FloatImage, block: int) -> Float64Array:
+    """Means of blocks (block rows, block cols, 3) without what stands out, their surroundings' medians, smoothed."""
+    usual = _thinned(values[weight > 0.0])
+    most = 2.0 * np.maximum(_MAD * np.median(np.abs(usual), axis=0), 0.05).astype(np.float64)
+    sums = block_means(values, weight, most, block)
+    known = sums[..., 3] * 3.0 >= block * block
     if not known.any():
-        return np.zeros_like(values)
-    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-    medians = medians[tuple(nearest)]
-    out = np.empty_like(values)
-    places = [(np.arange(side) + 0.5) / block - 0.5 for side in (rows, cols)]
-    for channel in range(3):
-        slow = ndimage.median_filter(medians[..., channel], _BACKGROUND_BLOCKS, mode="nearest")
-        slow = ndimage.gaussian_filter(slow, 1.0, mode="nearest")
-        out[..., channel] = _joined(slow, *places)
-    return out
-
-
-def _joined(grid: Float64Array, at_row: Float64Array, at_col: Float64Array) -> Float64Array:
-    """Values of a grid at fractional rows and columns, linear between its nodes."""
-    down = np.stack([np.interp(at_row, np.arange(len(grid)), column) for column in grid.T], axis=1)
-    return np.stack([np.interp(at_col, np.arange(grid.shape[1]), row) for row in down])
+        return np.zeros((*known.shape, 3))
+    means = sums[..., :3] / np.maximum(sums[..., 3:], 1.0)
+    means = means[tuple(ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True))]
+    slow = [ndimage.median_filter(means[..., c], _BACKGROUND_BLOCKS, mode="nearest") for c in range(3)]
+    return np.stack([ndimage.gaussian_filter(plane, 1.0, mode="nearest") for plane in slow], axis=-1)
 
 
 def contrast_of(
-    values: FloatImage, weight: FloatImage, likes: tuple[FloatImage, ...], inner: int, outer: int
-) -> tuple[FloatImage, FloatImage, FloatImage]:
+    values: FloatImage, weight: FloatImage, likes: FloatImage, inner: int, outer: int
+) -> tuple[FloatImage, FloatImage, FloatImage, FloatImage]:
     """Local contrast of a residual, as it is and in units of its own noise.
 
     Parameters
     ----------
-    values, weight
+    values, weight, likes
         As in `Residual`, at any resolution.
-    likes
-        (rows, cols) images on which the noise depends: how busy the prediction is, how light.
     inner, outer
         Half sides of the squares between which the surroundings lie, pixels.
 
     Returns
     -------
-    contrast, whitened, seen
-        (rows, cols, 3) CIELAB units; (rows, cols, 3) in units of noise, see `whitened_by_noise`; (rows, cols), 0 where
-        nothing is known.
+    contrast, whitened, sigmas, seen
+        (rows, cols, 3) CIELAB units; (rows, cols, 3) and (rows, cols) in units of noise, see `whitened_by_noise`;
+        (rows, cols), 0 where nothing is known.
     """
     contrast, seen = local_contrast(values, weight, inner, outer)
     contrast = binomial(contrast)
-    return contrast, whitened_by_noise(contrast, seen, likes), seen
+    return contrast, *whitened_by_noise(contrast, seen, likes), seen
 
 
-def whitened_by_noise(values: FloatImage, weight: FloatImage, likes: tuple[FloatImage, ...]) -> FloatImage:
-    """Values (rows, cols, 3) in units of the tile's own noise: channels not correlated, and of unit variance.
+def whitened_by_noise(values: FloatImage, weight: FloatImage, likes: FloatImage) -> tuple[FloatImage, FloatImage]:
+    """Values (rows, cols, 3) in units of the tile's own noise, and the lengths (rows, cols) of those.
 
-    All estimates are robust. ``likes`` are images (rows, cols) on which the noise depends: pixels with like values are
-    held against each other.
+    Channels are not correlated, and of unit variance, by robust estimates; where pixels have like values in ``likes``
+    (rows, cols, K), they are held against each other.
     """
-    white = _whitening(values, weight)
-    out = np.asarray(values @ white.T.astype(np.float32), dtype=np.float32)
-    for like in likes:
-        out = _evened(out, weight, like)
-    return out
+    used = weight > 0.0
+    sample, around = _thinned(values[used]).astype(np.float64), _thinned(likes[used]).astype(np.float64)
+    white = _whitening(sample)
+    lengths = np.sqrt(((sample @ white.T) ** 2).sum(axis=1))
+    bins = len(_BIN_QUANTILES) - 1
+    knots, sizes = np.tile(np.arange(bins, dtype=np.float64), (likes.shape[2], 1)), np.ones((likes.shape[2], bins))
+    for k in range(likes.shape[2]):
+        if len(lengths) < 10 * _LEAST_TO_ESTIMATE:
+            break
+        knots[k], sizes[k] = _noise_sizes(lengths, around[:, k])
+        lengths = lengths / np.interp(around[:, k], knots[k], sizes[k])
+    return in_noise(values, likes, white, knots, sizes)
 
 
-def _whitening(values: FloatImage, weight: FloatImage) -> Float64Array:
-    """(3, 3) matrix that gives values (rows, cols, 3) unit covariance, estimated without their outliers."""
-    used = values[weight > 0.0]
-    used = used[:: max(len(used) // 50_000, 1)].astype(np.float64)
-    if len(used) < _LEAST_TO_ESTIMATE:
+def _whitening(sample: Float64Array) -> Float64Array:
+    """(3, 3) matrix that gives values (P, 3) unit covariance, estimated without their outliers."""
+    if len(sample) < _LEAST_TO_ESTIMATE:
         return np.eye(3)
-    sizes = np.maximum(_MAD * np.median(np.abs(used), axis=0), 1e-3)
-    kept = used[(np.abs(used) < 3.0 * sizes).all(axis=1)]
+    sizes = np.maximum(_MAD * np.median(np.abs(sample), axis=0), 1e-3)
+    kept = sample[(np.abs(sample) < 3.0 * sizes).all(axis=1)]
     covariance = kept.T @ kept / max(len(kept), 1) + 1e-4 * np.eye(3)
     spread, axes = np.linalg.eigh(covariance)
     white = (axes / np.sqrt(spread)).T
-    lengths = np.sqrt(((used @ white.T) ** 2).sum(axis=1))
+    lengths = np.sqrt(((sample @ white.T) ** 2).sum(axis=1))
     return np.asarray(white * (_CHI3_MEDIAN / max(float(np.median(lengths)), 1e-6)), dtype=np.float64)
 
 
-def _evened(whitened: FloatImage, weight: FloatImage, like: FloatImage) -> FloatImage:
-    """Whitened values divided by how much larger they are where another image has like values."""
-    used = weight > 0.0
-    lengths, around = np.sqrt((whitened[used] ** 2).sum(axis=-1)), like[used]
-    thin = max(len(lengths) // 100_000, 1)
-    lengths, around = lengths[::thin], around[::thin]
-    if len(lengths) < 10 * _LEAST_TO_ESTIMATE:
-        return whitened
-    middles, sizes = [], []
-    order = np.argsort(around)
+def _noise_sizes(lengths: Float64Array, like: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """How much larger whitened values are, where another has certain values: those (B,), and the factors (B,)."""
+    order = np.argsort(like)
+    knots, sizes = [], []
     for begin, end in itertools.pairwise(_BIN_QUANTILES):
         part = order[int(begin * len(order)) : int(end * len(order))]
-        if len(part) < _LEAST_TO_ESTIMATE:
-            continue
-        middles.append(float(np.median(around[part])))
-        usual, high = np.quantile(lengths[part], [0.5, 0.97])
-        # Heavy tails count as noise too: stone's edges have them.
-        sizes.append(max(float(usual) / _CHI3_MEDIAN, float(high) / _CHI3_97, _LEAST_SIZE))
-    size = np.interp(like, middles, sizes).astype(np.float32)
-    return np.asarray(whitened / size[..., np.newaxis], dtype=np.float32)
+        if len(part) >= _LEAST_TO_ESTIMATE:
+            usual, high = np.quantile(lengths[part], [0.5, 0.97])
+            # Heavy tails count as noise too: stone's edges have them.
+            knots.append(float(np.median(like[part])))
+            sizes.append(max(float(usual) / _CHI3_MEDIAN, float(high) / _CHI3_97, _LEAST_SIZE))
+    missing = len(_BIN_QUANTILES) - 1 - len(knots)
+    beyond = knots[-1] + 1.0 + np.arange(missing)
+    # Values that many pixels share make bins of the same knot: a little apart, they stay in order.
+    apart = np.maximum.accumulate(np.array(knots)) + 1e-9 * np.arange(len(knots))
+    return np.concatenate([apart, beyond]), np.concatenate([sizes, np.full(missing, sizes[-1])])
 
 
 def halved(image: FloatImage) -> FloatImage:

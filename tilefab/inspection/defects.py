@@ -8,16 +8,14 @@ out of register, a second print) are searched for by `tilefab.inspection.defect_
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from tilefab.colour import delta_e_2000
 from tilefab.inspection.defect_classes import GradeLimits, ShapeLimits, chips_of, classed
-from tilefab.inspection.defect_kernels import line_strengths
+from tilefab.inspection.defect_print import PressColours, PrintLimits, print_defects
 from tilefab.inspection.defect_profiles import ProfileSettings, Stripe, stripes_of
 from tilefab.inspection.defect_residual import (
     Residual,
@@ -27,18 +25,15 @@ from tilefab.inspection.defect_residual import (
     residual_over,
     whitened_by_noise,
 )
+from tilefab.inspection.defect_search_kernels import line_strengths
 from tilefab.inspection.records import Defect, DefectKind, Grade
 from tilefab.types import FloatImage, Mask
 
-PressColours = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-"""Lab (P, 3) of ink fractions (P, N)."""
-
-
 _INNER, _OUTER = 2, 5
-_LINE_REACH_MM, _LINE_WAYS = 1.0, 24
-_LINE_CANDIDATE, _LINE_CLIP = 2.5, 4.0
-_LINE_SAMPLE = 3000
-_JOIN_MM = 0.3
+_LINE_REACH_MM, _LINE_WAYS = 1.0, 20
+_LINE_CANDIDATE, _CLIP = 2.5, 4.0
+_LINE_SAMPLE = 1500
+_JOIN_MM, _STRIPE_BLUR_MM = 0.3, 0.4
 _LEAST_VALID = 0.02
 _LINE_TYPICAL = 3.0
 _ORDER = {Grade.FIRST: 0, Grade.SECOND: 1, Grade.SCRAP: 2}
@@ -60,16 +55,19 @@ class DefectSettings:
         Blobs are sought at all scales up to pixels so large.
     profiles
         For lines and bands over the whole tile.
+    prints
+        For defects of the whole print.
     shapes, grades
         How patches are told apart; from sizes and strengths to grades.
     """
 
     margin_mm: float = 0.5
-    least_contrast: float = 2.0
-    blob_sigmas: float = 7.0
+    least_contrast: float = 2.6
+    blob_sigmas: float = 9.0
     line_sigmas: float = 8.0
     largest_px_mm: float = 1.6
     profiles: ProfileSettings = field(default_factory=ProfileSettings)
+    prints: PrintLimits = field(default_factory=PrintLimits)
     shapes: ShapeLimits = field(default_factory=ShapeLimits)
     grades: GradeLimits = field(default_factory=GradeLimits)
 
@@ -85,6 +83,7 @@ def find_defects(
     *,
     tile_mask: Mask | None = None,
     inks: FloatImage | None = None,
+    press: PressColours | None = None,
     settings: DefectSettings = DEFAULTS,
 ) -> tuple[Defect, ...]:
     """Defects of a fired tile, the worst first.
@@ -100,8 +99,11 @@ def find_defects(
     tile_mask
         (rows, cols), True where there is tile at all: elsewhere it is chipped. None: the whole face.
     inks
-        (rows, cols, N) ink fractions 0 to 1 that the face was printed with: they tell the line of a nozzle whose ink
-        lies only here and there from a scratch.
+        (rows, cols, N) ink fractions 0 to 1 that the face was printed with. A firing changes colours by their inks:
+        without them, faults of the firing may be taken for defects.
+    press
+        Colours (P, 3), as the prediction has them, of ink fractions (P, N). Without it, an ink that is missing or out
+        of register isn't told.
     settings
         What counts as a defect.
 
@@ -127,8 +129,15 @@ def find_defects(
     if judged.mean() < _LEAST_VALID:
         raise ValueError(f"only {100 * judged.mean():.1f} % of the face is seen: too little to look for defects on")
     rest = residual_over(predicted_lab, fired_lab, judged, px_per_mm, inks)
-    found = _stripes(rest, px_per_mm, inks, settings)
-    found += _patches(rest, px_per_mm, settings)
+    found = list(
+        print_defects(
+            predicted_lab, rest.expected, rest.fired, judged, px_per_mm, inks, press, settings.prints, settings.grades
+        )
+    )
+    if not found:
+        # On a print that is wrong all over, nothing else can be told.
+        stripes = _stripes(rest, px_per_mm, inks, settings)
+        found = stripes + _patches(rest, stripes, px_per_mm, settings)
     if tile_mask is not None:
         found += chips_of(tile_mask, px_per_mm, settings.margin_mm, settings.shapes, settings.grades)
     return tuple(sorted(found, key=lambda defect: (-_ORDER[defect.grade], -defect.severity)))
@@ -137,11 +146,14 @@ def find_defects(
 def _stripes(rest: Residual, px_per_mm: float, inks: FloatImage | None, settings: DefectSettings) -> list[Defect]:
     """Nozzle lines and bands."""
     limits = settings.profiles
-    whitened = whitened_by_noise(rest.values, rest.weight, rest.likes)
+    whitened, lengths = whitened_by_noise(rest.values, rest.weight, rest.likes)
+    # Outliers are cut down, so that a spot or a crack doesn't make a column.
+    share = rest.weight * _cut_down(lengths)
     lines = stripes_of(
         rest.values,
         whitened,
         rest.weight,
+        share,
         _in_pixels(limits.line_widths_mm, px_per_mm),
         limits.line_sigmas,
         limits.least_line_contrast,
@@ -152,6 +164,7 @@ def _stripes(rest: Residual, px_per_mm: float, inks: FloatImage | None, settings
         rest.values.transpose(1, 0, 2),
         whitened.transpose(1, 0, 2),
         rest.weight.T,
+        share.T,
         _in_pixels(limits.band_widths_mm, px_per_mm),
         limits.band_sigmas,
         limits.least_band_contrast,
@@ -186,15 +199,19 @@ def _stripe(
     colours = rest.expected[part][rest.weight[part] > 0.0].astype(np.float64)
     moved = np.abs(values @ direction).mean() * direction
     difference = float(delta_e_2000(colours.mean(axis=0), colours.mean(axis=0) + moved))
-    high, wide = (piece.indices(side)[1] - piece.indices(side)[0] for piece, side in zip(part, rest.weight.shape))
+    bounds = [piece.indices(side) for piece, side in zip(part, rest.weight.shape, strict=True)]
+    (top, bottom, _), (left, right, _) = bounds
+    high, wide = bottom - top, right - left
     least = (
-        settings.profiles.least_line_contrast if kind is DefectKind.NOZZLE_LINE else settings.profiles.least_band_contrast
+        settings.profiles.least_line_contrast
+        if kind is DefectKind.NOZZLE_LINE
+        else settings.profiles.least_band_contrast
     )
     contrast = float(np.linalg.norm(stripe.contrast))
     return Defect(
         kind,
-        ((part[1].start or 0) + wide / 2.0) / px_per_mm,
-        ((part[0].start or 0) + high / 2.0) / px_per_mm,
+        (left + wide / 2.0) / px_per_mm,
+        (top + high / 2.0) / px_per_mm,
         wide / px_per_mm,
         high / px_per_mm,
         wide * high / px_per_mm**2,
@@ -204,32 +221,35 @@ def _stripe(
     )
 
 
-def _patches(rest: Residual, px_per_mm: float, settings: DefectSettings) -> list[Defect]:
-    """Blobs and thin lines."""
+def _patches(rest: Residual, stripes: list[Defect], px_per_mm: float, settings: DefectSettings) -> list[Defect]:
+    """Blobs and thin lines, but for what is found as a stripe."""
     rows, cols = rest.weight.shape
-    level = rest.values - rest.background
-    level[rest.weight <= 0.0] = 0.0
-    fine, weight, likes = level, rest.weight, rest.likes
-    marked = np.zeros((rows, cols), dtype=bool)
+    level, weight, likes = rest.fine, rest.weight, rest.likes
     strength = np.zeros((rows, cols), dtype=np.float32)
     size = 1
     while size / px_per_mm <= settings.largest_px_mm and min(weight.shape) > 4 * _OUTER:
-        contrast, whitened, seen = contrast_of(level, weight, likes, _INNER, _OUTER)
-        sigmas = np.sqrt((whitened**2).sum(axis=-1))
-        height = np.sqrt((contrast**2).sum(axis=-1))
+        contrast, whitened, sigmas, seen = contrast_of(level, weight, likes, _INNER, _OUTER)
+        height = np.sqrt(np.einsum("rck,rck->rc", contrast, contrast))
         share = np.minimum(sigmas / settings.blob_sigmas, height / settings.least_contrast)
         if size == 1:
             share = np.maximum(share, _lines(whitened, seen, sigmas, px_per_mm, settings))
         stands = _connected(share)
         if stands.any():
             spread = np.kron(np.where(stands, share, 0.0), np.ones((size, size), dtype=np.float32))
-            high, wide = (min(a, b) for a, b in zip(spread.shape, strength.shape))
+            high, wide = (min(a, b) for a, b in zip(spread.shape, strength.shape, strict=True))
             np.maximum(strength[:high, :wide], spread[:high, :wide], out=strength[:high, :wide])
         level, weight = halved_values(level, weight), halved(weight)
-        likes = tuple(halved(like) for like in likes)
+        likes = halved(likes)
         size *= 2
+    for stripe in stripes:
+        middle, width = (
+            (stripe.y_mm, stripe.height_mm) if stripe.kind is DefectKind.BANDING else (stripe.x_mm, stripe.width_mm)
+        )
+        reach_mm = width / 2.0 + _STRIPE_BLUR_MM
+        near = slice(max(round((middle - reach_mm) * px_per_mm), 0), round((middle + reach_mm) * px_per_mm) + 1)
+        strength[near if stripe.kind is DefectKind.BANDING else (slice(None), near)] = 0.0
     marked = strength > 0.0
-    return _as_defects(marked, strength, fine, rest, px_per_mm, settings)
+    return _as_defects(marked, strength, rest, px_per_mm, settings)
 
 
 def _connected(share: FloatImage) -> Mask:
@@ -250,7 +270,7 @@ def _lines(
     """How strong a thin line through each pixel is, over the least that counts."""
     reach = max(round(_LINE_REACH_MM * px_per_mm), 3)
     # A spot isn't to make a star of lines.
-    bounded = whitened * np.minimum(np.float32(1.0), np.float32(_LINE_CLIP) / np.maximum(sigmas, np.float32(1e-6)))[..., np.newaxis]
+    bounded = whitened * _cut_down(sigmas)[..., np.newaxis]
     used = np.argwhere(seen > 0.0)
     sample = used[:: max(len(used) // _LINE_SAMPLE, 1)]
     out = np.zeros(seen.shape, dtype=np.float32)
@@ -265,8 +285,13 @@ def _lines(
     return out
 
 
+def _cut_down(lengths: FloatImage) -> FloatImage:
+    """Factors that cut vectors of these lengths down to a few standard deviations."""
+    return np.asarray(np.minimum(np.float32(1.0), np.float32(_CLIP) / np.maximum(lengths, np.float32(1e-6))))
+
+
 def _as_defects(
-    marked: Mask, strength: FloatImage, fine: FloatImage, rest: Residual, px_per_mm: float, settings: DefectSettings
+    marked: Mask, strength: FloatImage, rest: Residual, px_per_mm: float, settings: DefectSettings
 ) -> list[Defect]:
     """Patches, with those close to each other joined, as defects."""
     if not marked.any():
@@ -278,18 +303,18 @@ def _as_defects(
     for number, box in enumerate(ndimage.find_objects(labels, max_label=count), 1):
         patch = labels[box] == number
         patch &= rest.weight[box] > 0.0
-        if not patch.any():
+        if not (patch & (strength[box] > 0.0)).any():
             continue
         defect = classed(
             patch,
             box[0].start,
             box[1].start,
-            fine[box],
+            rest.fine[box],
             rest.expected[box],
             rest.fired[box],
             px_per_mm,
             bool((outside[box] & patch & (strength[box] > 0.0)).any()),
-            float(strength[box][patch].max()),
+            strength[box],
             settings.least_contrast,
             settings.shapes,
             settings.grades,

@@ -37,6 +37,7 @@ _SECOND_TILE = 0.08
 _LEAST_SIDE_SEEN = 0.1
 _LEAST_SIDE_CELLS = 8
 _WHOLE_SIDE = 0.6
+_SIZE_SCATTER = 0.008
 _COARSE_STEP_DEG, _FINE_STEP_DEG = 1.5, 0.25
 _COARSE_BIN, _FINE_BIN = 4.0, 1.5
 _EDGE_POINTS = 128
@@ -70,7 +71,9 @@ class FoundTile:
         Whether the tile's width lies along the image's columns instead of its rows, as far as the outline tells; for a
         square always False.
     px_per_mm
-        Resolution of the image at the tile, from the sides that were seen, or as given.
+        Resolution of the image at the tile: from sides that were seen, or as given.
+    measured
+        Whether it is from sides that were seen.
     """
 
     corners_px: Float64Array
@@ -79,6 +82,17 @@ class FoundTile:
     sides_seen: tuple[bool, bool, bool, bool]
     across: bool
     px_per_mm: float
+    measured: bool
+
+    def scaled(self, factor: float) -> Float64Array:
+        """Corners if the tile were larger by a factor, the sides that were seen lying where they do.
+
+        Of use where it isn't `measured`: then two sides that meet were seen.
+        """
+        upper, right, lower, left = self.sides_seen
+        seen = ((left, upper), (upper, right), (right, lower), (lower, left))
+        corner = self.corners_px[next((place for place, both in enumerate(seen) if all(both)), 0)]
+        return np.asarray(corner + factor * (self.corners_px - corner), dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -147,7 +161,8 @@ def find_tile(xyz: FloatImage, size_mm: SizeMm, *, px_per_mm: float | None = Non
         return sized
     corners, seen_px_per_mm = _refined(light, sized, size_mm, cell)
     mask, visible = _mask(light, differs, corners, cell)
-    return FoundTile(corners, mask, visible, sized.known, sized.across, seen_px_per_mm)
+    measured = any(sized.known[side] and sized.known[side + 2] for side in range(2))
+    return FoundTile(corners, mask, visible, sized.known, sized.across, seen_px_per_mm, measured)
 
 
 def _exposure(light: NDArray[np.float32]) -> ImageProblem | None:
@@ -223,7 +238,7 @@ def _outline(differs: Mask, size_mm: SizeMm, scale: float | None) -> _Sized | Im
         if isinstance(sized, ImageProblem):
             problem = sized
             continue
-        if len(parts) == len(large) > 1 and not all(sized.known):
+        if len(parts) > 1 and scale is None and not all(sized.known):
             continue
         inside = _inside(_corners(sized.box), differs.shape, 2.0)
         within = np.bincount(labels[inside], minlength=count + 1)
@@ -317,33 +332,28 @@ def _sized_as(box: _Box, size_mm: SizeMm, scale: float | None, across: bool) -> 
     known = [share >= _LEAST_SIDE_SEEN for share in box.seen]
     extent = [box.high[axis] - box.low[axis] for axis in range(2)]
     scales = [extent[axis] / wanted[axis] if known[axis] and known[axis + 2] else 0.0 for axis in range(2)]
-    if scale is None and min(scales) > 0.0 and abs(scales[0] / scales[1] - 1.0) > MOST_SIZE_ERROR:
-        # One pair of sides is too close: the lesser seen of it is no side but a break.
-        short = int(np.argmin(scales))
-        scale_now = max(scales)
-    else:
-        short = -1
-        scale_now = scale if scale is not None else max(scales)
-    if not scale_now > 0.0:
-        return math.inf, None
     for axis in range(2):
-        if scales[axis] == 0.0 or (scale is None and axis != short):
+        if scales[axis] == 0.0:
             continue
-        error = scales[axis] / scale_now - 1.0
-        if abs(error) <= MOST_SIZE_ERROR:
-            continue
+        # A side that is too near, and of which little is seen, is no side but where the tile is broken.
+        most = scales[1 - axis] if scales[1 - axis] > 0.0 else scale if scale is not None else 0.0
+        slack = _SIZE_SCATTER if scales[1 - axis] > 0.0 else MOST_SIZE_ERROR
         weaker = axis if box.seen[axis] < box.seen[axis + 2] else axis + 2
-        if error > 0.0 or box.seen[weaker] > _WHOLE_SIDE:
-            return math.inf, None
-        known[weaker] = False
-        scales[axis] = 0.0
+        if scales[axis] < (1.0 - slack) * most and box.seen[weaker] < _WHOLE_SIDE:
+            known[weaker] = False
+            scales[axis] = 0.0
     good = [value for value in scales if value > 0.0]
-    own = float(np.mean(good)) if good else scale_now
+    if not good and scale is None:
+        return math.inf, None
+    own = float(np.mean(good)) if good or scale is None else scale
+    if scale is not None and abs(own / scale - 1.0) > MOST_SIZE_ERROR:
+        return math.inf, None
     low, high, error = list(box.low), list(box.high), 0.0
     for axis in range(2):
         length = own * wanted[axis]
         if known[axis] and known[axis + 2]:
-            error += abs(extent[axis] / length - 1.0)
+            if abs(scales[axis] / own - 1.0) > MOST_SIZE_ERROR / 2.0:
+                return math.inf, None
         elif known[axis]:
             high[axis] = low[axis] + length
         elif known[axis + 2]:
@@ -352,8 +362,8 @@ def _sized_as(box: _Box, size_mm: SizeMm, scale: float | None, across: bool) -> 
             return math.inf, None
         if extent[axis] > (1.0 + MOST_SIZE_ERROR) * length + 2.0:
             return math.inf, None
-        error += max(0.0, 1.0 - extent[axis] / length)
-    four = (known[1], known[2], known[3], known[0])
+        error += abs(1.0 - extent[axis] / length)
+    four = (bool(known[1]), bool(known[2]), bool(known[3]), bool(known[0]))
     return error, _Sized(_Box(box.angle_rad, (low[0], low[1]), (high[0], high[1]), box.seen), four, across, own)
 
 

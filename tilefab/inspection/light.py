@@ -20,14 +20,14 @@ from tilefab.types import FloatImage, Mask
 Float64Array = NDArray[np.float64]
 
 _CELLS = 28
-_LEAST_CELLS = 60
+_LEAST_CELLS, _FINE = 60, 200
 _LEAST_SHARE = 0.5
 _EDGE_SHARE = 0.0075
 _DARK = 0.01
 _ROUNDS = 12
 _BIWEIGHT, _MAD, _LEAST_SPREAD = 4.685, 1.4826, 1e-4
 _LIGHT_SPREAD, _TONE_SPREAD = 0.3, 0.1
-_MOST_LOG = 0.7
+_DARKEST, _BRIGHTEST = 0.4, 2.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +37,10 @@ class LightFit:
     Attributes
     ----------
     coefficients
-        (5,) float64: of x, y, x^2, x y, y^2 in its logarithm, x and y from -1 to 1 over the face.
+        (5,) float64: of x, y, x^2, x y, y^2, which with 1 are the light up to a factor; x and y from -1 to 1 over the
+        face.
     level
-        What the exponential of that is divided by, so that the mean over what was seen is 1.
+        That factor: what it is divided by, so that the mean over what was seen is 1.
     unevenness
         How much brighter the best lit place of the face is than the worst lit, share.
     cells
@@ -56,8 +57,8 @@ class LightFit:
         y = (2.0 * (np.arange(shape[0]) + 0.5) / shape[0] - 1.0)[:, np.newaxis]
         x = (2.0 * (np.arange(shape[1]) + 0.5) / shape[1] - 1.0)[np.newaxis, :]
         a, b, c, d, e = self.coefficients
-        slow = ((a * x + c * x * x) + (b * y + e * y * y)).astype(np.float32) + (d * x * y).astype(np.float32)
-        return np.asarray(np.exp(np.clip(slow, -_MOST_LOG, _MOST_LOG)) / np.float32(self.level), dtype=np.float32)
+        light = (1.0 + (a * x + c * x * x) + (b * y + e * y * y) + d * x * y).astype(np.float32)
+        return np.asarray(np.clip(light, _DARKEST, _BRIGHTEST) / np.float32(self.level), dtype=np.float32)
 
 
 def worn(valid: Mask, width_px: int) -> Mask:
@@ -81,8 +82,7 @@ def even_light(predicted_xyz: FloatImage, fired_xyz: FloatImage, valid: Mask) ->
     Returns
     -------
     evened, fit
-        (rows, cols, 3) float32, the fired colours over the light; and the light, a second-order surface in the
-        logarithm, of mean 1.
+        (rows, cols, 3) float32, the fired colours over the light; and the light, a second-order surface of mean 1.
 
     Raises
     ------
@@ -108,10 +108,10 @@ def even_light(predicted_xyz: FloatImage, fired_xyz: FloatImage, valid: Mask) ->
     fired = sums[:, :, 4:7][good] / sums[:, :, :1][good]
     slow = np.column_stack([x, y, x * x, x * y, y * y])
     coefficients = _fitted(slow, predicted, fired)
-    light = np.exp(np.clip(slow @ coefficients, -_MOST_LOG, _MOST_LOG))
+    light = np.clip(1.0 + slow @ coefficients, _DARKEST, _BRIGHTEST)
     level = float(np.average(light, weights=sums[:, :, 0][good]))
     rough = LightFit(coefficients, level, 0.0, count)
-    whole_face = rough.surface((_CELLS, _CELLS))
+    whole_face = rough.surface((_FINE, _FINE))
     fit = LightFit(coefficients, level, float(whole_face.max() / whole_face.min()) - 1.0, count)
     return np.asarray(fired_xyz / fit.surface((rows, cols))[:, :, np.newaxis], dtype=np.float32), fit
 
@@ -140,7 +140,6 @@ def _fitted(slow: Float64Array, predicted: Float64Array, fired: Float64Array) ->
     columns = np.zeros((3, cells, unknowns))
     for channel in range(3):
         first = 5 + channel * (1 + tones)
-        columns[channel, :, :5] = slow
         columns[channel, :, first] = 1.0
         columns[channel, :, first + 1 : first + 1 + tones] = tone
     prior = np.full(unknowns, 1.0 / _TONE_SPREAD)
@@ -151,10 +150,14 @@ def _fitted(slow: Float64Array, predicted: Float64Array, fired: Float64Array) ->
     weight, spread = trust.copy(), 0.02
     solution = np.zeros(unknowns)
     for _ in range(_ROUNDS):
+        # The logarithm of the light is straightened where the last round left it.
+        light = np.clip(1.0 + slow @ solution[:5], _DARKEST, _BRIGHTEST)
+        columns[:, :, :5] = slow / light[:, np.newaxis]
+        wanted = ratio - (np.log(light) - slow @ solution[:5] / light)[:, np.newaxis]
         normal = np.einsum("kcu,c,kcv->uv", columns, weight, columns, optimize=True)
         normal += np.diag((spread * prior) ** 2)
-        solution = np.linalg.solve(normal, np.einsum("kcu,c,ck->u", columns, weight, ratio, optimize=True))
-        away = np.sqrt(((ratio - (columns @ solution).T) ** 2).mean(axis=1))
+        solution = np.linalg.solve(normal, np.einsum("kcu,c,ck->u", columns, weight, wanted, optimize=True))
+        away = np.sqrt(((wanted - (columns @ solution).T) ** 2).mean(axis=1))
         spread = max(_MAD * float(np.median(away)), _LEAST_SPREAD)
         weight = trust * np.clip(1.0 - (away / (_BIWEIGHT * spread)) ** 2, 0.0, None) ** 2
     return solution[:5]

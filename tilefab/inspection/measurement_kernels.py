@@ -41,7 +41,7 @@ def pair_sums(
                         continue
                     count += 1
                     for channel in range(3):
-                        a, b = float(one[row, col, channel]), float(other[row, col, channel])
+                        a, b = np.float64(one[row, col, channel]), np.float64(other[row, col, channel])
                         sums[1 + channel] += a
                         sums[4 + channel] += b
                         sums[7 + channel] += a * a

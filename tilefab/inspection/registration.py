@@ -7,7 +7,6 @@ that is freed of slow light. Weights are robust, so what is covered, broken off,
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass, field
 
@@ -23,7 +22,7 @@ from tilefab.types import FloatImage, Mask
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 
-_FINEST_PX, _COARSEST_PX, _VOTING_PX = 640, 80, 300
+_FINEST_PX, _COARSEST_PX, _VOTING_PX = 640, 80, 256
 _LEAST_SIDE_PX = 16
 _REACH = 0.06
 _VOTES = 3
@@ -35,10 +34,10 @@ _SETTLED_PX = 0.004
 _MOST_STEP_PX = 3.0
 _BIWEIGHT = 4.685
 _MAD = 1.4826
+_EDGE_BLUR_PX = 1.5
 _LEAST_PIXELS = 200
 _MOST_DOUBT_PX = (0.15, 0.4)
 _CORRELATED = 3.0
-_LIKENESS_BLOCKS, _LEAST_PART_PX = 8, 10
 _LEAST_LIKENESS = 0.1
 _ALIKE_DOUBT = 0.02
 _CLIP = 5.0
@@ -55,8 +54,8 @@ class Registration:
     matrix
         (3, 3) float64: from (x, y, 1) in pixels of the face grid to pixels of the image, last value 1.
     likeness
-        Correlation at full size, -1 to 1, over what is seen, each of 8 x 8 parts of the face against its own mean,
-        plane, which uneven light doesn't touch. Noise, and detail that the camera doesn't resolve, make it less than 1.
+        Correlation of detail, -1 to 1, over what is seen, at the resolution of image or grid, whichever is coarser, and
+        with at most 640 pixels along the longer side. Slow light doesn't touch it; noise makes it less than 1.
     converged
         Whether the steps came to rest where image and face are alike, and no less so than at the start; if not, the
         matrix is the start's.
@@ -68,6 +67,24 @@ class Registration:
     likeness: float
     converged: bool
     rms_step_px: float
+
+
+class _Image:
+    """L* and mask of an image, and means over squares of it as they are needed."""
+
+    def __init__(self, fired_l: Float32Array, good: Mask) -> None:
+        self._sizes = {1: np.stack([np.where(good, fired_l, 0.0), good], axis=-1).astype(np.float32)}
+
+    def on_grid(self, matrix: Float64Array, shape: tuple[int, int]) -> tuple[Float32Array, Mask]:
+        """L* on a grid, and where it is good; 0 elsewhere."""
+        square = max(1, math.floor(_scale(matrix, shape) + 0.5))
+        if square not in self._sizes:
+            planes = [_reduced(np.ascontiguousarray(self._sizes[1][:, :, k]), square) for k in (0, 1)]
+            self._sizes[square] = np.stack(planes, axis=-1)
+        shrink = np.diag([1.0 / square, 1.0 / square, 1.0])
+        warped, inside = warp_to_face(self._sizes[square], shrink @ matrix, shape)
+        seen = inside & (warped[:, :, 1] > 0.99)
+        return np.where(seen, warped[:, :, 0], np.float32(0.0)), seen
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +220,7 @@ def register(
         raise ValueError(f"the mask's shape {good.shape} isn't that of the image {fired_l.shape}")
     # Where tile borders on something else, the camera's blur mixes the two.
     good = _worn(good)
-    image = np.stack([np.where(good, fired_l, 0.0), good], axis=-1).astype(np.float32)
+    image = _Image(fired_l, good)
     matrix = began = np.asarray(start / start[2, 2], dtype=np.float64)
 
     longer = max(predicted_l.shape)
@@ -218,12 +235,12 @@ def register(
         factors.append(2 * factors[-1])
     step, rested = math.inf, False
     for factor in [*reversed(factors), finest]:
-        matrix, step, rested = _refined(_level(predicted_l, image, matrix, factor), matrix)
-    came_to_rest = rested and _alike(_level(predicted_l, image, matrix, voting)) >= alike
-    if not came_to_rest:
-        matrix = began
-    likeness = _likeness(predicted_l, image, matrix)
-    return Registration(matrix, likeness, came_to_rest and likeness >= _LEAST_LIKENESS, step)
+        level = _level(predicted_l, image, matrix, factor)
+        matrix, step, rested = _refined(level, matrix)
+    likeness = _alike(level)
+    if not rested or _alike(_level(predicted_l, image, matrix, voting)) < alike:
+        return Registration(began, _alike(_level(predicted_l, image, began, finest)), False, step)
+    return Registration(matrix, likeness, likeness >= _LEAST_LIKENESS, step)
 
 
 def _check_matrix(matrix: Float64Array) -> None:
@@ -256,8 +273,12 @@ def _reduced(values: Float32Array, factor: int) -> Float32Array:
     if factor == 1:
         return values
     rows, cols = values.shape[0] // factor, values.shape[1] // factor
-    squares = values[: rows * factor, : cols * factor].reshape(rows, factor, cols, factor)
-    return np.asarray(squares.mean(axis=(1, 3)), dtype=np.float32)
+    out = np.zeros((rows, cols), dtype=np.float32)
+    for row in range(factor):
+        for col in range(factor):
+            out += values[row : rows * factor : factor, col : cols * factor : factor]
+    out *= np.float32(1.0 / (factor * factor))
+    return out
 
 
 def _detail(values: Float32Array, weight: Float32Array, window: int) -> Float32Array:
@@ -270,18 +291,17 @@ def _detail(values: Float32Array, weight: Float32Array, window: int) -> Float32A
     return np.asarray(detail * weight, dtype=np.float32)
 
 
-def _level(predicted_l: Float32Array, image: FloatImage, matrix: Float64Array, factor: int) -> _Level:
+def _level(predicted_l: Float32Array, image: _Image, matrix: Float64Array, factor: int) -> _Level:
     """Both pictures on the face grid reduced by a factor, the image as the matrix has it."""
     template = _reduced(predicted_l, factor)
     to_image = matrix @ np.diag([float(factor), float(factor), 1.0])
-    warped, inside = warp_to_face(image, to_image, (template.shape[0], template.shape[1]))
-    seen = inside & (warped[:, :, 1] > 0.99)
+    fired, seen = image.on_grid(to_image, (template.shape[0], template.shape[1]))
     weight = seen.astype(np.float32)
     window = 2 * max(3, round(0.5 * _WINDOW * max(template.shape))) + 1
-    return _Level(factor, _detail(template, weight, window), _detail(warped[:, :, 0], weight, window), seen)
+    return _Level(factor, _detail(template, weight, window), _detail(fired, weight, window), seen)
 
 
-def _voted(predicted_l: Float32Array, image: FloatImage, matrix: Float64Array, factor: int) -> Float64Array:
+def _voted(predicted_l: Float32Array, image: _Image, matrix: Float64Array, factor: int) -> Float64Array:
     """The matrix moved, turned and stretched as blocks say by phase correlation."""
     for apart in _BLOCK_APART_PX:
         level = _level(predicted_l, image, matrix, factor)
@@ -355,7 +375,17 @@ def _refined(level: _Level, matrix: Float64Array) -> tuple[Float64Array, float, 
     for _ in range(_STEPS):
         cut = max(_BIWEIGHT * spread, 1e-3)
         weights, squares = step_sums(
-            level.template, slope_x, slope_y, level.moved, level.seen, motion, photometric, cut, normal, gradient
+            level.template,
+            slope_x,
+            slope_y,
+            level.moved,
+            level.seen,
+            motion,
+            photometric,
+            cut,
+            _EDGE_BLUR_PX,
+            normal,
+            gradient,
         )
         if weights < _LEAST_PIXELS:
             return matrix, math.inf, False
@@ -421,29 +451,5 @@ def _alike(level: _Level) -> float:
         return 0.0
     most = np.float32(_CLIP * _MAD * np.median(np.abs(other)))
     other = np.clip(other, -most, most)
-    return _correlation(float(one @ other), float(one @ one), float(other @ other))
-
-
-def _correlation(products: float, squares: float, other_squares: float) -> float:
-    return products / math.sqrt(squares * other_squares) if squares > 0 and other_squares > 0 else 0.0
-
-
-def _likeness(predicted_l: Float32Array, image: FloatImage, matrix: Float64Array) -> float:
-    """Correlation over what is seen, each part of the face against planes fitted to it."""
-    rows, cols = predicted_l.shape
-    warped, inside = warp_to_face(image, matrix, (rows, cols))
-    seen = inside & (warped[:, :, 1] > 0.99)
-    row_cuts = np.linspace(0, rows, _LIKENESS_BLOCKS + 1).astype(int)
-    col_cuts = np.linspace(0, cols, _LIKENESS_BLOCKS + 1).astype(int)
-    sums = np.zeros((2, 2))
-    for top, bottom in itertools.pairwise(row_cuts):
-        for left, right in itertools.pairwise(col_cuts):
-            down, across = np.nonzero(seen[top:bottom, left:right])
-            if len(down) < _LEAST_PART_PX:
-                continue
-            plane = np.linalg.qr(np.column_stack([np.ones(len(down)), down, across]))[0].astype(np.float32)
-            place = (top + down, left + across)
-            pair = np.column_stack([predicted_l[place], warped[:, :, 0][place]])
-            pair -= plane @ (plane.T @ pair)
-            sums += pair.T @ pair
-    return _correlation(float(sums[0, 1]), float(sums[0, 0]), float(sums[1, 1]))
+    squares = float(one @ one) * float(other @ other)
+    return float(one @ other) / math.sqrt(squares) if squares > 0 else 0.0

@@ -128,6 +128,7 @@ def step_sums(
     matrix: Float64Array,
     photometric: Float64Array,
     cut: float,
+    blurred: float,
     normal: Float64Array,
     gradient: Float64Array,
 ) -> tuple[float, float]:
@@ -147,8 +148,9 @@ def step_sums(
         (3, 3): from the template's (x, y, 1) to the moved image's.
     photometric
         (2,): gain and offset.
-    cut
-        Residual from which a pixel has no weight.
+    cut, blurred
+        Residual from which a pixel of an even place has no weight; and how many pixels' slope more may be one at an
+        edge, root of sum of squares: edges that the camera blurs are no outliers.
     normal, gradient
         (10, 10) and (10,) float64, written; only the upper triangle of ``normal`` is.
 
@@ -180,12 +182,13 @@ def step_sums(
             value = (1.0 - dv) * ((1.0 - du) * moved[top, left] + du * moved[top, left + 1])
             value += dv * ((1.0 - du) * moved[top + 1, left] + du * moved[top + 1, left + 1])
             residual = value - gain * template[row, col] - offset
-            ratio = residual / cut
-            if not ratio * ratio < 1.0:
+            along, across = gain * slope_x[row, col], gain * slope_y[row, col]
+            ratio = residual * residual / (cut * cut + blurred * blurred * (along * along + across * across))
+            if not ratio < 1.0:
                 continue
-            weight = (1.0 - ratio * ratio) ** 2
+            weight = (1.0 - ratio) ** 2
             xn, yn = (x - 0.5 * cols) / half, (y - 0.5 * rows) / half
-            along, across = gain * half * slope_x[row, col], gain * half * slope_y[row, col]
+            along, across = half * along, half * across
             outward = -(along * xn + across * yn)
             line[0], line[1], line[2] = along * xn, along * yn, along
             line[3], line[4], line[5] = across * xn, across * yn, across
@@ -256,6 +259,7 @@ def step_sums_plain(
     matrix: Float64Array,
     photometric: Float64Array,
     cut: float,
+    blurred: float,
 ) -> tuple[Float64Array, Float64Array, float, float]:
     """As `step_sums`, in plain NumPy: the whole normal matrix, the gradient, and the two sums."""
     rows, cols = template.shape
@@ -271,7 +275,8 @@ def step_sums_plain(
     value += dv * ((1.0 - du) * moved[top + 1, left] + du * moved[top + 1, left + 1])
     gain, offset = photometric
     residual = value - gain * template - offset
-    weight = np.where(good & (np.abs(residual) < cut), (1.0 - (residual / cut) ** 2) ** 2, 0.0)
+    ratio = residual**2 / (cut**2 + (blurred * gain) ** 2 * (slope_x**2 + slope_y**2))
+    weight = np.where(good & (ratio < 1.0), (1.0 - ratio) ** 2, 0.0)
     xn, yn = (x - 0.5 * cols) / half, (y - 0.5 * rows) / half
     along, across = gain * half * slope_x, gain * half * slope_y
     outward = -(along * xn + across * yn)

@@ -185,8 +185,8 @@ def cpk(values: ArrayLike, lower: float | None, upper: float | None) -> Capabili
 
     References
     ----------
-    ISO 22514-2:2017 (indices); D. C. Montgomery, "Introduction to Statistical Quality Control", sections 6.4 (moving
-    ranges) and 8.3. Values of a closed loop are autocorrelated: neighbours are more alike than chance has it, and Cpk
+    ISO 22514-2:2017 (indices); D. C. Montgomery, "Introduction to Statistical Quality Control", chapters 6 (moving
+    ranges) and 8. Values of a closed loop are autocorrelated: neighbours are more alike than chance has it, and Cpk
     by moving ranges then promises too much. Ppk does not.
 
     Examples
@@ -230,7 +230,7 @@ class EwmaChart:
     ----------
     S. W. Roberts, Technometrics 1 (1959); J. M. Lucas and M. S. Saccucci, "Exponentially weighted moving average
     control schemes", Technometrics 32 (1990): weight 0.2 with limit 2.962 runs 500 values on average when nothing is
-    wrong (table 3).
+    wrong.
     """
 
     weight: float = 0.2
@@ -274,7 +274,7 @@ class CusumChart:
     References
     ----------
     E. S. Page, "Continuous inspection schemes", Biometrika 41 (1954); D. C. Montgomery, "Introduction to Statistical
-    Quality Control", section 9.1: k = 0.5, h = 5 runs 465 values on average when nothing is wrong.
+    Quality Control", chapter 9: k = 0.5, h = 5 runs 465 values on average when nothing is wrong.
     """
 
     slack: float = 0.5

@@ -4,7 +4,7 @@ The appearance classes V0 to V4 of ANSI A137.1 are given by people who look at l
 and says which of those classes it would look like: an aid for choosing, not the standard's own measure, which has none.
 
 ISO 10545-16:2010 measures small differences between plain tiles with CMC, and excludes tile that varies by design. So
-`plain_cmc` answers only for plain faces.
+`plain_cmc` is only for faces that `is_plain`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tilefab.colour.differences import delta_e_cmc
 from tilefab.colour.spaces import delta_e_2000
@@ -28,6 +28,7 @@ PLAIN_DELTA_E = 0.7
 
 _MOST_PAIRS = 2000
 _LONG = 8
+_PLAIN_BLOCKS = 32
 
 # CIEDE2000 at which the look goes up by one class. Between means: what one sees of two tiles side by side (1), at a
 # glance (2.5), and takes for different colours (6). Between patterns: eighths of tiles laid on one another.
@@ -148,28 +149,29 @@ def is_plain(lab: NDArray[np.floating]) -> bool:
     lab
         (rows, cols, 3) CIELAB, the predicted face: what was meant, not what the kiln made of it.
     """
-    most = max(1, min(32, min(lab.shape[:2])))
-    return regions_plain(coarse_blocks(lab, most).reshape(-1, 3))
-
-
-def regions_plain(lab: NDArray[np.floating]) -> bool:
-    """Whether (M, 3) colours of even regions are one colour; see `is_plain`."""
-    away = delta_e_2000(lab, lab.mean(axis=0))
+    blocks = coarse_blocks(lab, max(1, min(_PLAIN_BLOCKS, *lab.shape[:2]))).reshape(-1, 3)
+    away = delta_e_2000(blocks, blocks.mean(axis=0))
     return bool(np.percentile(away, 95) <= PLAIN_DELTA_E)
 
 
-def plain_cmc(
-    predicted_lab: NDArray[np.floating], fired_lab: NDArray[np.floating], *, lightness: float = 2.0
-) -> float | None:
-    """CMC(l:1) difference of a plain tile from its standard, as ISO 10545-16:2010 uses it; None where it doesn't apply.
+def plain_cmc(predicted_lab: ArrayLike, fired_lab: ArrayLike, *, lightness: float = 2.0) -> float:
+    """Mean CMC(l:1) difference of plain tiles from their standard, the measure that ISO 10545-16:2010 takes.
 
     Parameters
     ----------
     predicted_lab, fired_lab
-        (M, 3) regions of the face as it should be, which is the standard, and as it came out.
+        (T, 3) mean colour of each tile as it should be, which is its standard, and as it came out. Only of faces that
+        `is_plain` says are: that standard does not apply to others.
     lightness
         l, as the parties agreed; so is the commercial factor that the result is held against.
+
+    Raises
+    ------
+    ValueError
+        If there is no tile.
     """
-    if not regions_plain(predicted_lab):
-        return None
-    return float(delta_e_cmc(predicted_lab.mean(axis=0), fired_lab.mean(axis=0), lightness=lightness))
+    standard = np.asarray(predicted_lab, dtype=np.float64).reshape(-1, 3)
+    if not len(standard):
+        raise ValueError("no tile was measured, so there is no difference from a standard")
+    sample = np.asarray(fired_lab, dtype=np.float64).reshape(-1, 3)
+    return float(delta_e_cmc(standard, sample, lightness=lightness).mean())

@@ -341,19 +341,21 @@ class Journal(JournalBase):
             found = queries.last_arms(connection, self._run(connection, run_id).run_id, [face]).get(face)
             return None if found is None else queries.arm_record(found)
 
-    def prints(self, run_id: int | None = None, *, since: datetime | None = None) -> list[PrintRecord]:
+    def prints(
+        self, run_id: int | None = None, *, since: datetime | None = None, until: datetime | None = None
+    ) -> list[PrintRecord]:
         """Arms whose faces were printed whole, by the time that the journal heard of it; quick also in a long journal.
 
         Parameters
         ----------
         run_id
             Only this run's.
-        since
-            Only those printed then or later.
+        since, until
+            Only those printed then or later, and before then.
         """
         with self._transaction("read prints") as connection:
-            since_ms = None if since is None else milliseconds(since)
-            return queries.find_prints(connection, self._line_id, run_id, since_ms)
+            times = [None if time is None else milliseconds(time) for time in (since, until)]
+            return queries.find_prints(connection, self._line_id, run_id, *times)
 
     def face_states(self, run_id: int) -> FaceStates:
         """Where the faces of a run stand: what a `FaceQueue` begins with."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from types import TracebackType
@@ -19,7 +19,10 @@ from tilefab.io.journal_schema import lines, notes
 from tilefab.io.journal_store import Store
 
 MOST_NOTES = 100_000
-"""How many notes of a line are kept, besides the newest of each kind."""
+"""How many notes of a line are kept, besides the newest of each kind; of each of `FREQUENT` ones so many of its own."""
+
+FREQUENT = ("kiln", "gauged")
+"""Kinds of notes that come so often that they would push the others out."""
 
 _MOST_DETAIL = 16_000
 _TIDY_EVERY = 1000
@@ -133,6 +136,18 @@ class JournalBase:
             row = connection.execute(select(notes).where(ours).order_by(notes.c.note_id.desc()).limit(1)).first()
             return queries.note_record(row) if row is not None else None
 
+    def notes_between(
+        self, since: datetime, until: datetime | None = None, *, kinds: Collection[str] | None = None
+    ) -> list[NoteRecord]:
+        """Notes put down from a time on and before another, of some kinds or of all, oldest first."""
+        with self._transaction("read notes") as connection:
+            query = select(notes).where(notes.c.line_id == self._line_id, notes.c.at_ms >= milliseconds(since))
+            if until is not None:
+                query = query.where(notes.c.at_ms < milliseconds(until))
+            if kinds is not None:
+                query = query.where(notes.c.kind.in_(sorted(kinds)))
+            return [queries.note_record(row) for row in connection.execute(query.order_by(notes.c.note_id))]
+
     # Within a transaction
 
     @contextmanager
@@ -174,11 +189,13 @@ class JournalBase:
     def _prune(self, connection: Connection) -> None:
         """Let old notes go, but for the newest of each kind."""
         ours = notes.c.line_id == self._line_id
-        oldest = select(notes.c.note_id).where(ours).order_by(notes.c.note_id.desc()).offset(MOST_NOTES - 1).limit(1)
-        bound = connection.execute(oldest).scalar()
-        if bound is not None:
-            kept = select(func.max(notes.c.note_id)).where(ours).group_by(notes.c.kind)
-            connection.execute(delete(notes).where(ours, notes.c.note_id < bound, notes.c.note_id.not_in(kept)))
+        newest = select(func.max(notes.c.note_id)).where(ours).group_by(notes.c.kind)
+        for which in (notes.c.kind.not_in(FREQUENT), *(notes.c.kind == kind for kind in FREQUENT)):
+            kept = select(notes.c.note_id).where(ours, which).order_by(notes.c.note_id.desc())
+            bound = connection.execute(kept.offset(MOST_NOTES - 1).limit(1)).scalar()
+            if bound is not None:
+                old = delete(notes).where(ours, which, notes.c.note_id < bound)
+                connection.execute(old.where(notes.c.note_id.not_in(newest)))
 
 
 def milliseconds(time: datetime) -> int:

@@ -24,7 +24,7 @@ from tilefab.io.journal_schema import (
 FACTS = ("detect_seq", "tile_seq", "printer_boot", "plc_boot", "rows_printed", "data_crc32")
 """Columns of arms that hold what the devices told."""
 
-_PRINT_COLUMNS = ("run_id", "arm_id", "face", "attempt", "correction")
+_PRINT_COLUMNS = ("run_id", "arm_id", "face", "attempt", "correction", "data_crc32")
 
 _MOST_AT_ONCE = 500
 """Faces or arms asked for in one statement: databases bound its length."""
@@ -84,18 +84,25 @@ def find_arms(
     return connection.execute(query.order_by(arms.c.arm_id.desc()).limit(last)).all()[::-1]
 
 
-def find_prints(connection: Connection, line_id: int, run_id: int | None, since_ms: int | None) -> list[PrintRecord]:
+def find_prints(
+    connection: Connection, line_id: int, run_id: int | None, since_ms: int | None, until_ms: int | None
+) -> list[PrintRecord]:
     """Arms whose faces were printed whole, by the time of that; see `Journal.prints`."""
     columns = [arms.c[name] for name in (*_PRINT_COLUMNS, "state", "printed_ms", "passed_ms")]
     of_line, of_run = arms.c.line_id == line_id, arms.c.run_id == run_id
-    if since_ms is not None and run_id is not None:
-        # A sum, so that the index of times looks better than that of the run's faces.
+    timed = since_ms is not None or until_ms is not None
+    # Sums, so that the index of times looks better than that of the run's faces, or the other way round.
+    if run_id is not None and timed:
         of_run = arms.c.run_id + 0 == run_id
+    elif run_id is not None:
+        of_line = arms.c.line_id + 0 == line_id
     query = select(*columns).where(of_line, PRINTED_ARMS)
     if run_id is not None:
         query = query.where(of_run)
     if since_ms is not None:
         query = query.where(arms.c.printed_ms >= since_ms)
+    if until_ms is not None:
+        query = query.where(arms.c.printed_ms < until_ms)
     return [
         PrintRecord(
             **{name: getattr(row, name) for name in _PRINT_COLUMNS},

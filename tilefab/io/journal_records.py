@@ -156,6 +156,7 @@ class PrintRecord:
     face: int
     attempt: int
     correction: int
+    data_crc32: int | None
     state: ArmState
     printed_at: datetime
     passed_at: datetime | None

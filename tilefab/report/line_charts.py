@@ -27,6 +27,7 @@ from tilefab.report.style import (
     TINT,
     WHITE,
     Canvas,
+    clean,
     draw_text,
     number,
     text_width,
@@ -46,6 +47,7 @@ _MOST_DOTS = 700
 _FEW_DOTS = 120
 _FEWEST_TO_BREAK = 8
 _GAP = 0.02
+_MOST_LINES = 60
 _BINS = 240
 _LABELS_WIDTH = 11 * MM
 
@@ -196,14 +198,17 @@ def _draw_spans(canvas: Canvas, axes: Axes, axis: TimeAxis) -> None:
 
 def _draw_corrections(canvas: Canvas, axes: Axes, axis: TimeAxis, numbers: bool) -> None:
     canvas.setStrokeColor(ACCENT)
-    canvas.setLineWidth(0.5)
-    canvas.setDash([2.4, 1.6])
+    many = len(axis.corrections) > _MOST_LINES
+    canvas.setLineWidth(0.3 if many else 0.5)
+    canvas.setDash(*([] if many else [[2.4, 1.6]]))
+    # So many lines would hide the chart: ticks at its upper edge tell when corrections were made.
+    floor = axes.bottom + axes.height - 1.2 * MM if many else axes.bottom
     written = -math.inf
     for count, at_s in axis.corrections:
         x, _ = axes.at(at_s, axes.y_low)
-        canvas.line(x, axes.bottom, x, axes.bottom + axes.height + (1.4 * MM if numbers else 0.0))
+        canvas.line(x, floor, x, axes.bottom + axes.height + (1.4 * MM if numbers else 0.0))
         label = str(count)
-        room = 3.2 * len(label) + 3.4
+        room = max(5.0 * len(label) + 4.0, 34.0 if many else 0.0)
         if numbers and x - written >= room:
             draw_text(canvas, label, x - 20, axes.bottom + axes.height + 4.1 * MM, 40, SMALL_STRONG, align="centre")
             written = x
@@ -238,7 +243,10 @@ def draw_level(
     canvas.line(axes.x, y, axes.x + axes.width, y)
     canvas.setDash()
     if label:
-        draw_text(canvas, label, axes.x, y + 8.4, axes.width - 3, SMALL_MUTED, align="right")
+        wide = text_width(clean(label), SMALL_MUTED)
+        canvas.setFillColor(WHITE)
+        canvas.rect(axes.x + axes.width - wide - 5, y + 1, wide + 4, 7, stroke=0, fill=1)
+        draw_text(canvas, label, axes.x, y + 8.8, axes.width - 3, SMALL_MUTED, align="right")
 
 
 def draw_stream(canvas: Canvas, axes: Axes, at_s: Float64Array, values: Float64Array, *, mean_of: int = 9) -> None:

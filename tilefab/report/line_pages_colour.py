@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 from reportlab.lib.colors import Color
 
+from tilefab.report.charts import Axes
 from tilefab.report.layout import Block, Page, flow, section_heading, space, text_block
 from tilefab.report.line_charts import (
     Float64Array,
     TimeAxis,
     around,
+    binned,
     clock_text,
     draw_dots,
     draw_level,
@@ -53,7 +55,8 @@ _DASHES: tuple[tuple[float, ...], ...] = (
     (5, 1, 1, 1),
 )
 _MOST_ZONES = len(_DASHES)
-_MOST_CORRECTIONS = 400
+_MOST_CORRECTIONS = 120
+_MOST_STEPS = 240
 _MOST_POINTS = 600
 _DELTA_E_HEIGHT, _LAB_HEIGHT, _KILN_HEIGHT = 54 * MM, 34 * MM, 46 * MM
 _NOTE = (
@@ -70,9 +73,9 @@ def colour_over_time_pages(view: LineReportView) -> list[Page]:
     axis = TimeAxis.of(view)
     blocks = [section_heading(SECTION, _NOTE.format(group=GROUP)), _delta_e_chart(view, series, axis)]
     channels = [grouped(series.at_s, series.difference_lab[:, channel]) for channel in range(3)]
-    for name, found in zip(("L*: lighter, up", "a*: redder, up", "b*: yellower, up"), channels, strict=True):
+    for name, found in zip(("L* (up: lighter)", "a* (up: redder)", "b* (up: yellower)"), channels, strict=True):
         if found is not None:
-            blocks.append(_lab_chart(f"Difference of {name}", found, axis))
+            blocks.append(_lab_chart(f"Difference of {name}, means of {GROUP} tiles", found, axis))
     if channels[0] is None:
         blocks.append(_no_lab_chart())
     blocks += [_kiln_chart(view.kiln, axis), _legend(), space(5 * MM), *_corrections(view)]
@@ -90,7 +93,7 @@ def _delta_e_chart(view: LineReportView, series: ColourSeries, axis: TimeAxis) -
             empty_panel(canvas, title, "no tile was measured", LEFT, top, WIDTH, _DELTA_E_HEIGHT)
             return
         limit = view.limits.delta_e_mean
-        levels = [*series.delta_e, *(cost for _, cost in steps), *([] if limit is None else [limit])]
+        levels = [*series.delta_e, *(cost for _, cost in steps), *([] if limit is None else [1.15 * limit])]
         low, high = around(levels, least=1.0, zero=True)
         axes = time_panel(
             canvas,
@@ -107,15 +110,23 @@ def _delta_e_chart(view: LineReportView, series: ColourSeries, axis: TimeAxis) -
         )
         draw_stream(canvas, axes, series.at_s, series.delta_e)
         if steps:
-            times = np.repeat([at_s for at_s, _ in steps] + [axis.ended_s], 2)[1:-1]
-            costs = np.repeat([cost for _, cost in steps], 2)
             begin_clip(canvas, axes)
-            draw_polyline(canvas, axes, times, costs, ACCENT, 1.2, whole=True)
+            _draw_costs(canvas, axes, np.array(steps))
             canvas.restoreState()
         if limit is not None:
             draw_level(canvas, axes, limit, f"tolerance {number(limit)}")
 
     return Block(_DELTA_E_HEIGHT, draw)
+
+
+def _draw_costs(canvas: Canvas, axes: Axes, steps: Float64Array) -> None:
+    """Draw what the drift would have cost: it holds from one correction to the next; of very many, the mean."""
+    if len(steps) > _MOST_STEPS:
+        middle, _, mean, _ = binned(axes, steps[:, 0], steps[:, 1])
+        draw_polyline(canvas, axes, middle, mean, ACCENT, 1.0)
+        return
+    times = np.repeat(np.append(steps[:, 0], axes.x_high), 2)[1:-1]
+    draw_polyline(canvas, axes, times, np.repeat(steps[:, 1], 2), ACCENT, 1.2, whole=True)
 
 
 def _no_lab_chart() -> Block:

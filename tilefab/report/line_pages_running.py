@@ -152,7 +152,8 @@ def _downtime(view: LineReportView, figures: LineFigures) -> list[Block]:
     )
     if len(shown) < len(view.downtime):
         note += f" The longest {len(shown)} of {number(len(view.downtime), 0)} stops are listed; the JSON has all."
-    return [*_by_cause(view), space(3 * MM), *table(_span_columns(), _span_rows(shown, view)), muted_note(note)]
+    causes = [] if len({stop.code for stop in shown}) == len(view.downtime) else [*_by_cause(view), space(3 * MM)]
+    return [*causes, *table(_span_columns(), _span_rows(shown, view)), muted_note(note)]
 
 
 def _alarms(view: LineReportView) -> list[Block]:

@@ -133,7 +133,7 @@ def _planes(view: LineReportView, series: ColourSeries) -> Block:
             draw_text(canvas, title, x, top, half, SMALL_STRONG)
             draw_grid(canvas, axes, "Δa*", "Δb*" if second == 2 else "ΔL*")
             begin_clip(canvas, axes)
-            draw_dots(canvas, axes, points[:, first], points[:, second], side=1.2)
+            draw_dots(canvas, axes, points[:, first], points[:, second], side=1.2 if len(points) > 100 else 2.2)
             canvas.restoreState()
             for lot in view.lots[:_MOST_LANES]:
                 px, py = axes.at(lot.difference_lab[first], lot.difference_lab[second])
@@ -174,11 +174,7 @@ def _variation(found: VariationView | None) -> list[Block]:
     if found is None:
         return [text_block("Not measured.")]
     plain = "–" if found.cmc_plain is None else number(found.cmc_plain, 2)
-    why = (
-        "mean of plain tiles from their standard"
-        if found.plain
-        else "not for patterned tile: ISO 10545-16 is for plain"
-    )
+    why = "of plain tiles from their standard" if found.plain else "not told: that standard is for plain tile"
     return [
         figure_row(
             [

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from tilefab.inspection.records import Grade
-from tilefab.report.layout import Block, Page, flow, space, two_columns
+from tilefab.report.layout import Block, Page, flow, section_heading, space, two_columns
 from tilefab.report.line_charts import (
     TimeAxis,
     around,
@@ -53,6 +53,7 @@ _GRADE_WIDTH = 15 * MM
 _WHAT_WIDTH = 24 * MM
 _CHART_HEIGHT = 42 * MM
 _MOST_WARNINGS = 6
+_FEW_SHIFTS = 4
 
 
 def summary_pages(view: LineReportView, figures: LineFigures, verdicts: tuple[VerdictView, ...]) -> list[Page]:
@@ -65,10 +66,13 @@ def summary_pages(view: LineReportView, figures: LineFigures, verdicts: tuple[Ve
         if len(view.warnings) > len(shown):
             blocks.append(warning_block(f"{len(view.warnings) - len(shown)} more are in the JSON beside this report."))
     blocks += [space(3 * MM), _chart(view)]
-    if len(view.shifts) > 1:
+    if 1 < len(view.shifts) <= _FEW_SHIFTS:
         blocks += [space(4 * MM), subheading("By shift"), *_shifts(view)]
     blocks += [space(4 * MM), subheading("The job"), *two_columns(_facts(view))]
-    return flow(SECTION, blocks)
+    pages = flow(SECTION, blocks)
+    if len(view.shifts) > _FEW_SHIFTS:
+        pages += flow("Shifts", [section_heading("Shifts"), *_shifts(view)])
+    return pages
 
 
 def _title(view: LineReportView) -> Block:
@@ -175,7 +179,7 @@ def _figures(view: LineReportView, figures: LineFigures) -> list[Block]:
 
 
 def _drift(figures: LineFigures) -> str:
-    return "" if figures.drift_delta_e is None else f"took out drift up to ΔE {number(figures.drift_delta_e)}"
+    return "" if figures.drift_delta_e is None else f"of drift up to ΔE {number(figures.drift_delta_e)}"
 
 
 def _saved(figures: LineFigures) -> str:
@@ -217,7 +221,7 @@ def _chart(view: LineReportView) -> Block:
             empty_panel(canvas, title, "no tile was measured", LEFT, top, WIDTH, _CHART_HEIGHT)
             return
         limit = view.limits.delta_e_mean
-        low, high = around([*series.delta_e, *([limit] if limit else [])], least=1.0, zero=True)
+        low, high = around([*series.delta_e, *([1.15 * limit] if limit else [])], least=1.0, zero=True)
         axis = TimeAxis.of(view)
         axes = time_panel(
             canvas, axis, title, LEFT, top, WIDTH, _CHART_HEIGHT, low, high, clock=True, numbers=bool(axis.corrections)

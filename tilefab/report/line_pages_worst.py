@@ -33,8 +33,8 @@ from tilefab.report.style import (
 SECTION = "Worst tiles"
 MOST = 10
 _NOTE = (
-    "Predicted and fired face of each, side by side, and where they differ. Defects are ringed; ticks at the edges "
-    "point along a line or a band that runs right across."
+    "Predicted and fired face of each, side by side. Defects are ringed; ticks at the edges point along lines and "
+    "bands that run right across."
 )
 _MARK = TextStyle(BOLD, 6.5, 8.6, WHITE)
 _OUTLINED = TextStyle(BOLD, 6.5, 8.6, INK)
@@ -43,6 +43,8 @@ _LABELS = {Grade.SCRAP: "scrap", Grade.SECOND: "second choice", Grade.FIRST: "fi
 
 _GAP = 1.5 * MM
 _TALLEST = 52 * MM
+_NARROWEST = 18 * MM
+_TALL = 1.3
 _FLAT = 27 * MM
 _AROUND = 18.5 * MM
 _MOST_RINGS = 12
@@ -51,9 +53,10 @@ _FAR = 0.4
 
 @dataclass(frozen=True)
 class _Grid:
-    """Cards in a row, for tiles that are so many times as high as wide."""
+    """Cards in a row of so many pictures each, for tiles that are so many times as high as wide."""
 
     columns: int
+    pictures: int
     aspect: float
 
     @property
@@ -62,11 +65,14 @@ class _Grid:
 
     @property
     def room(self) -> float:
-        return (self.card - 2 * _GAP) / 3
+        most = (self.card - (self.pictures - 1) * _GAP) / self.pictures
+        return min(most, max(self.picture / self.aspect, _NARROWEST))
 
     @property
     def picture(self) -> float:
-        return min(self.room * self.aspect, _FLAT if self.columns == 1 else _TALLEST)
+        most = (self.card - (self.pictures - 1) * _GAP) / self.pictures
+        # Five rows of tiles that are not tall fit a page: all of the worst ten, if they stand two in a row.
+        return min(most * self.aspect, _FLAT if self.aspect < _TALL else _TALLEST)
 
     @property
     def height(self) -> float:
@@ -80,7 +86,8 @@ def worst_pages(view: LineReportView) -> list[Page]:
         return flow(SECTION, [section_heading(SECTION), text_block("No tile was inspected with pictures.")])
     wide, high = view.tile_size_mm
     # A long tile lying flat needs a row to itself to be seen; others stand two in a row.
-    grid = _Grid(1 if wide > 1.6 * high else 2, high / wide)
+    pictures = 2 if all(one.difference is None for one in worst) else 3
+    grid = _Grid(1 if wide > 1.6 * high else 2, pictures, high / wide)
     rows = [worst[start : start + grid.columns] for start in range(0, len(worst), grid.columns)]
     return flow(SECTION, [section_heading(SECTION, _NOTE), *(_row(view, row, grid) for row in rows)])
 
@@ -100,7 +107,9 @@ def _draw_card(canvas: Canvas, view: LineReportView, worst: WorstTileView, x: fl
     draw_text(canvas, f"Face {tile.face}", x, y, width - 24 * MM, STRONG, shrink=0.6)
     _draw_grade(canvas, tile.grade, x + width - 22 * MM, y)
     y -= STRONG.leading
-    pictures = (("predicted", worst.predicted), ("fired", worst.fired), ("difference", worst.difference))
+    pictures = (("predicted", worst.predicted), ("fired", worst.fired), ("difference", worst.difference))[
+        : grid.pictures
+    ]
     room = grid.room
     for place, (label, picture) in enumerate(pictures):
         left = x + place * (room + _GAP)

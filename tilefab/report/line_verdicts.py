@@ -79,7 +79,9 @@ def _control(view: LineReportView, loop: LoopStatistics | None) -> VerdictView:
         return VerdictView("Control", "poor", f"{text}; the controller holds: {held[-1].text}")
     if view.holds:
         text += f"; the controller held {'once' if len(view.holds) == 1 else f'{len(view.holds)} times'}"
-    expected = f"{number(ewma + cusum, 0)} signals of the charts, {number(by_ewma + by_cusum)} to be expected by chance"
+    chance = by_ewma + by_cusum
+    by_chance = number(chance, 0 if chance >= 10 else 1)
+    expected = f"{number(ewma + cusum, 0)} signals of the charts, {by_chance} to be expected by chance"
     return VerdictView("Control", "fair" if odd or view.holds else "good", f"{text}; {expected}.")
 
 

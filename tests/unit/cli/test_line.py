@@ -14,7 +14,9 @@ from tests.unit.pipeline.line.test_status import FULL
 from tests.unit.web.line_at_work import LINE, Control, at_work, line_file
 from tilefab.cli import line as line_module
 from tilefab.cli.main import main
+from tilefab.colour.drift import no_drift
 from tilefab.config import LineFile
+from tilefab.io.drift_file import DriftFile, drift_text, write_drift_file
 from tilefab.pipeline.line.status import LineStatus
 from tilefab.web.token import make_token
 
@@ -133,6 +135,24 @@ def test_a_job_is_queued_by_its_whole_path_once_its_file_is_in_order(
     )
     assert tilefab("queue", "good.toml")[0] == 0
     assert daemon.control.orders == [("queue", {"job": str(tmp_path / "good.toml")})]
+
+
+def test_a_correction_reaches_the_daemon_with_its_reason(tilefab: Tilefab, daemon: Daemon, tmp_path: Path) -> None:
+    drift = DriftFile(no_drift(1), ("Black",), "ab" * 32, 12)
+    write_drift_file(tmp_path / "state.json", drift)
+    code, out, _ = tilefab("correct", "state.json", "--reason", "fired darker")
+    assert code == 0
+    assert out.startswith("correction 1 of run 7 is in use")
+    ((run_id, given, reason),) = daemon.control.corrected
+    assert (run_id, reason) == (7, "fired darker")
+    assert given == json.loads(drift_text(drift))
+    assert tilefab("correct", "state.json")[0] == 2, "a reason is wanted"
+    (tmp_path / "bad.json").write_text("{}")
+    code, _, err = tilefab("correct", "bad.json", "--reason", "x")
+    assert (code, len(daemon.control.corrected)) == (5, 1)
+    assert "bad.json" in err
+    daemon.control.refuse = "too soon"
+    assert tilefab("correct", "state.json", "--reason", "again") == (10, "", "error: too soon\n")
 
 
 def test_the_token_is_the_lines_own_or_another_that_is_named(tilefab: Tilefab, daemon: Daemon, tmp_path: Path) -> None:

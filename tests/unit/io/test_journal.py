@@ -374,6 +374,8 @@ def test_prints_are_found_by_run_and_time(url: str) -> None:
         assert journal.prints(first) == everything[:3]
         assert journal.prints(since=everything[1].printed_at) == everything[1:]
         assert journal.prints(first, since=everything[1].printed_at) == everything[1:3]
+        assert journal.prints(until=everything[1].printed_at) == everything[:1]
+        assert journal.prints(first, since=everything[1].printed_at, until=everything[2].printed_at) == everything[1:2]
         assert journal.prints(second, since=datetime(2026, 3, 2, tzinfo=UTC)) == []
 
 
@@ -458,6 +460,37 @@ def test_notes_are_bounded_but_the_newest_of_each_kind_stays(journal: Journal, m
     assert found.detail == {"offset": -3, "where": "/x"}
     assert journal.latest_note("unheard") is None
     assert journal.notes(last=1) == kept[-1:]
+
+
+def test_frequent_notes_push_no_others_out(journal: Journal, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(journal_base, "MOST_NOTES", 20)
+    monkeypatch.setattr(journal_base, "_TIDY_EVERY", 10)
+    journal.note("alarm", code="jam")
+    for number in range(59):
+        journal.note("kiln", number=number)
+        journal.note("gauged", number=number)
+    journal.note("kiln", number=59)
+    kept = journal.notes(last=1000)
+    assert [note.kind for note in kept].count("kiln") == 20
+    assert [note.kind for note in kept].count("gauged") == 20
+    assert kept[0].kind == "alarm"
+
+
+def test_notes_are_found_by_time_and_kind(url: str) -> None:
+    times = iter(range(60))
+    clock = lambda: datetime(2026, 3, 1, second=next(times), tzinfo=UTC)  # noqa: E731
+    with Journal.open(url, line=LINE, now=clock) as journal:
+        for kind in ("state", "kiln", "alarm", "kiln", "state"):
+            journal.note(kind)
+    with Journal.look(url, line=LINE) as journal:
+        everything = journal.notes()
+        since, until = everything[1].at, everything[4].at
+        assert journal.notes_between(since) == everything[1:]
+        assert journal.notes_between(since, until) == everything[1:4]
+        assert journal.notes_between(since, until, kinds=("kiln",)) == [everything[1], everything[3]]
+        assert journal.notes_between(since, kinds={"state", "alarm"}) == [everything[2], everything[4]]
+        assert journal.notes_between(until, since) == []
+        assert journal.notes_between(since, kinds=()) == []
 
 
 def test_a_note_may_be_of_any_length_but_is_kept_short(journal: Journal) -> None:

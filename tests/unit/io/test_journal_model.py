@@ -37,6 +37,7 @@ class Arm:
     face: int
     state: ArmState
     tile: int | None = None
+    correction: int = 0
 
 
 class JournalModel(RuleBasedStateMachine):
@@ -53,6 +54,7 @@ class JournalModel(RuleBasedStateMachine):
         self.runs: dict[int, str] = {}
         self.finished: set[int] = set()
         self.orders: set[tuple[int, int]] = set()
+        self.corrections: dict[int, int] = {}
         self.session = self.last_arm = 0
         self.notes: list[int] = []
 
@@ -93,30 +95,47 @@ class JournalModel(RuleBasedStateMachine):
         faces = FaceQueue(self.journal.face_states(run)).take(many)
         assert all(self.wanted(run, face) for face, _ in faces)
         assert len(faces) == min(many, sum(self.wanted(run, face) for face in range(FACES)))
-        for intent in self.journal.intend(run, faces):
+        correction = data.draw(st.integers(0, self.corrections.get(run, 0)))
+        for intent in self.journal.intend(run, faces, correction=correction):
             assert intent.arm_id > self.last_arm
             assert intent.attempt == len(self.attempts(run, intent.face)) + 1
             self.last_arm = intent.arm_id
-            self.arms[intent.arm_id] = Arm(run, intent.face, ArmState.INTENT)
+            self.arms[intent.arm_id] = Arm(run, intent.face, ArmState.INTENT, correction=correction)
             # An order is served from now on; only a face that wasn't printed keeps coming.
             self.orders.discard((run, intent.face))
 
-    @rule(data=st.data(), face=st.integers(-1, FACES), attempt=st.integers(1, 3))
-    def intend_anything(self, data: st.DataObject, face: int, attempt: int) -> None:
+    @rule(data=st.data())
+    def correct(self, data: st.DataObject) -> None:
+        run = self.some_run(data)
+        if run is None:
+            return
+        try:
+            record = self.journal.correct(run, press_key="key", drift="{}", reason="why")
+        except JournalError:
+            assert run in self.finished
+            return
+        assert run not in self.finished
+        self.corrections[run] = self.corrections.get(run, 0) + 1
+        assert (record.run_id, record.number) == (run, self.corrections[run])
+        assert self.journal.latest_correction(run) == record
+
+    @rule(data=st.data(), face=st.integers(-1, FACES), attempt=st.integers(1, 3), correction=st.integers(0, 2))
+    def intend_anything(self, data: st.DataObject, face: int, attempt: int, correction: int) -> None:
         run = self.some_run(data)
         if run is None:
             return
         right = 0 <= face < FACES and run not in self.finished and self.wanted(run, face)
         right = right and attempt == len(self.attempts(run, face)) + 1
+        right = right and correction <= self.corrections.get(run, 0)
         try:
-            (intent,) = self.journal.intend(run, [(face, attempt)])
+            (intent,) = self.journal.intend(run, [(face, attempt)], correction=correction)
         except JournalError:
             assert not right
             return
         assert right
         assert intent.arm_id > self.last_arm
         self.last_arm = intent.arm_id
-        self.arms[intent.arm_id] = Arm(run, face, ArmState.INTENT)
+        self.arms[intent.arm_id] = Arm(run, face, ArmState.INTENT, correction=correction)
         self.orders.discard((run, face))
 
     @rule(data=st.data())
@@ -136,7 +155,7 @@ class JournalModel(RuleBasedStateMachine):
                 self.journal.mark(changes)
             return
         self.journal.mark(changes)
-        self.arms[number] = Arm(self.arms[number].run, self.arms[number].face, after, number)
+        self.arms[number].state, self.arms[number].tile = after, number
 
     @rule(data=st.data(), face=st.integers(0, FACES - 1))
     def order_reprint(self, data: st.DataObject, face: int) -> None:
@@ -225,13 +244,16 @@ class JournalModel(RuleBasedStateMachine):
             return
         found = {record.arm_id: record for record in self.journal.arms()}
         assert {
-            number: Arm(arm.run_id, arm.face, arm.state, arm.tile_seq) for number, arm in found.items()
+            number: Arm(arm.run_id, arm.face, arm.state, arm.tile_seq, arm.correction) for number, arm in found.items()
         } == self.arms
         assert [run.run_id for run in self.journal.runs() if run.finished_at is not None] == sorted(self.finished)
         assert self.journal.last_arm() == self.last_arm
         assert [
             int(str(note.detail["number"])) for note in self.journal.notes() if note.kind == "number"
         ] == self.notes[-50:]
+        assert [run.correction for run in self.journal.runs()] == [
+            self.corrections.get(run, 0) for run in sorted(self.runs)
+        ]
         for run in self.runs:
             states = self.journal.face_states(run)
             assert FaceQueue(states).remaining == sum(self.wanted(run, face) for face in range(FACES))

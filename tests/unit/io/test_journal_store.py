@@ -309,7 +309,7 @@ def test_recent_prints_are_found_without_reading_the_others(path: Path) -> None:
     read: list[str] = []
 
     def explain(_: object, cursor: sqlite3.Cursor, statement: str, values: tuple[object, ...], *__: object) -> None:
-        if statement.startswith("SELECT") and "printed_ms >=" in statement:
+        if statement.startswith("SELECT") and "printed_ms IS NOT NULL" in statement:
             plan = cursor.connection.execute(f"EXPLAIN QUERY PLAN {statement}", values)
             read.append(" ".join(row[3] for row in plan))
 
@@ -319,8 +319,10 @@ def test_recent_prints_are_found_without_reading_the_others(path: Path) -> None:
         event.listen(journal._store._engine, "after_cursor_execute", explain)
         journal.prints(since=datetime(2026, 3, 1, tzinfo=UTC))
         journal.prints(run_id, since=datetime(2026, 3, 1, tzinfo=UTC))
-    assert len(read) == 2
-    assert all("ix_arms_printed" in plan and "printed_ms>?" in plan for plan in read), read
+        journal.prints(run_id)
+    assert len(read) == 3
+    assert all("ix_arms_printed" in plan and "printed_ms>?" in plan for plan in read[:2]), read
+    assert "ix_arms_attempt (run_id=?)" in read[2]
 
 
 def test_arms_not_settled_are_found_without_reading_the_others(path: Path) -> None:

@@ -30,7 +30,7 @@ class AlarmDesk:
         self._store, self._daemon, self._messages, self._log = store, daemon, messages, log
         up = store.alarms(up=True)
         self._up = {(alarm.code, alarm.subject) for alarm in up}
-        self._untold = {alarm.alarm_id: (alarm.code, alarm.text) for alarm in up if not alarm.told}
+        self._untold = {alarm.alarm_id: alarm for alarm in up if not alarm.told}
         self._not_before_s = float("-inf")
 
     def is_up(self, code: str, subject: str = "") -> bool:
@@ -47,8 +47,7 @@ class AlarmDesk:
             return
         number = self._store.raise_alarm(code, text, subject=subject, run_id=run_id)
         self._up.add((code, subject))
-        if number is not None:
-            self._untold[number] = code, text
+        self._untold |= {alarm.alarm_id: alarm for alarm in self._store.alarms(up=True) if alarm.alarm_id == number}
         self._log("alarm", code=code, text=text, run=run_id)
 
     def clear(self, code: str, subject: str = "") -> None:
@@ -57,19 +56,22 @@ class AlarmDesk:
             return
         self._store.clear_alarm(code, subject=subject)
         self._up.discard((code, subject))
+        # What is over before anybody heard of it isn't worth an operator's time.
+        self._untold = {
+            number: alarm for number, alarm in self._untold.items() if (alarm.code, alarm.subject) != (code, subject)
+        }
         self._log("alarm cleared", code=code, about=subject)
 
     def tell(self, now_s: float) -> None:
         """Tell the daemon of the next alarm that it hasn't heard of; ``now_s`` is a clock that is never set."""
         if not self._untold or self._messages.busy(TOPIC) or now_s < self._not_before_s:
             return
-        number, (code, text) = next(iter(self._untold.items()))
-        daemon = self._daemon
+        alarm, daemon = next(iter(self._untold.values())), self._daemon
 
         def warn() -> None:
-            daemon.warn(code, text)
+            daemon.warn(alarm.code, alarm.text)
 
-        self._messages.send(TOPIC, number, warn)
+        self._messages.send(TOPIC, alarm.alarm_id, warn)
 
     def told(self, answer: Answer, now_s: float) -> None:
         """Take in what came of telling: if the daemon is away, it is told later."""

@@ -36,7 +36,8 @@ from tilefab.sampling import TextureMap
 Float64Array = NDArray[np.float64]
 
 _MAPS_KEPT = 6
-_OPEN_AT_ONCE = 3
+OPEN_AT_ONCE = 3
+"""Runs whose benches are kept open; a tile is looked for in no more of them."""
 _AGAIN_AFTER_S = 60.0
 
 
@@ -247,7 +248,7 @@ class Benches:
             return None
         self._failed.pop(run.run_id, None)
         self._benches[run.run_id] = bench
-        while len(self._benches) > _OPEN_AT_ONCE:
+        while len(self._benches) > OPEN_AT_ONCE:
             self._benches.popitem(last=False)
         return bench
 

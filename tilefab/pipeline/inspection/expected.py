@@ -76,15 +76,22 @@ class ExpectedTiles:
         self._last_of = {run_id: at for run_id, at in self._last_of.items() if at >= oldest}
 
     def candidates(self, taken_at: datetime) -> Mapping[int, list[int]]:
-        """Faces by run that a tile seen at a moment can show; runs with the most such faces first."""
+        """Faces by run that a tile seen at a moment can show; the run that it is of most likely comes first."""
         begin = taken_at - self._window
-        by_run: dict[int, list[int]] = {}
+        by_run: dict[int, list[PrintRecord]] = {}
         for arm_id in self._unseen:
             record = self._prints[arm_id]
             if begin <= record.printed_at <= taken_at and record.state is not ArmState.DIVERTED:
-                by_run.setdefault(record.run_id, []).append(record.face)
-        ordered = sorted(by_run.items(), key=lambda item: (-len(item[1]), -item[0]))
-        return {run_id: sorted(set(faces)) for run_id, faces in ordered}
+                by_run.setdefault(record.run_id, []).append(record)
+        transit = self.transit
+
+        def unlikeliness(run_id: int) -> tuple[float, int]:
+            records = by_run[run_id]
+            if transit is None:
+                return -len(records), -run_id
+            return min(abs((taken_at - r.printed_at - transit).total_seconds()) for r in records), -run_id
+
+        return {run_id: sorted({r.face for r in by_run[run_id]}) for run_id in sorted(by_run, key=unlikeliness)}
 
     @property
     def runs(self) -> tuple[int, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
@@ -17,7 +18,7 @@ from tilefab.io.inspection_store import InspectionStore
 from tilefab.io.journal import CorrectionRecord, PrintRecord, RunRecord
 from tilefab.pipeline.inspection.alarm_desk import TOPIC as WARNING
 from tilefab.pipeline.inspection.alarm_desk import AlarmDesk
-from tilefab.pipeline.inspection.benches import Bench, Benches, WhenPrinted
+from tilefab.pipeline.inspection.benches import OPEN_AT_ONCE, Bench, Benches, WhenPrinted
 from tilefab.pipeline.inspection.correcting import Learnt, control_number
 from tilefab.pipeline.inspection.expected import TRANSITS, chosen_print
 from tilefab.pipeline.inspection.images import CameraImage
@@ -35,8 +36,13 @@ MOST_WAITING = 400
 
 _AT_ONCE = 8
 _FEW_WAITING = 40
+_MOST_OF_A_JOB = 5000
+"""Faces of a job that are all looked among, if a tile is none of those that were printed."""
 _SILENT_TILES = 3
 _MISSED_LOOKS = 3
+_UNREAD_ROUNDS = 20
+"""The daemon makes its journal, or brings it up to date, while it starts."""
+_FRAMES_TOLD = 6
 _JOURNAL, _DEFECT = "journal", "defect"
 
 
@@ -116,7 +122,7 @@ class Inspector:
         self._now, self._monotonic = now, monotonic
         self._runs: dict[int, RunState] = {}
         self._health = ImageHealth()
-        self._missed = 0
+        self._missed = self._unread = 0
         self._last_image_at = now()
         self._last_image_s = monotonic()
         for tile in store.tiles(last=TRANSITS):
@@ -135,7 +141,9 @@ class Inspector:
         """
         now, now_s = self._now(), self._monotonic()
         readable = self._journal.follow(now, self._store.seen_arms)
-        self._about("inspection_run", _JOURNAL, "" if readable else self._journal.problem)
+        self._unread = 0 if readable else self._unread + 1
+        if self._unread in (0, _UNREAD_ROUNDS):
+            self._about("inspection_run", _JOURNAL, self._journal.problem)
         if readable:
             self._loop.follow(now, now_s)
         done = self._look() if readable else 0
@@ -196,6 +204,10 @@ class Inspector:
             raise
         except Exception as error:  # one tile that can't be computed must not end the inspection of all others
             why = error.message if isinstance(error, TilefabError) else f"{type(error).__name__}: {error}"
+            if not isinstance(error, TilefabError):
+                frames = traceback.extract_tb(error.__traceback__)[-_FRAMES_TOLD:]
+                where = [f"{frame.filename}:{frame.lineno} {frame.name}" for frame in frames]
+                self._log("defect", image=image.name, error=why, where=where)
             self._skip([image], f"it could not be inspected: {why}")
             self._alarms.raise_alarm("inspection_run", f"{image.name} could not be inspected: {why}", subject=_DEFECT)
             return True
@@ -228,18 +240,25 @@ class Inspector:
         return first
 
     def _places(self, taken_at: datetime) -> Iterator[tuple[RunRecord, Bench, Sequence[int]]]:
-        """Where to look for a tile: among faces whose tiles are expected, then in all that the latest runs printed."""
+        """Where to look for a tile: among faces whose tiles are expected, then in all that the latest runs printed.
+
+        And at last in the whole of these jobs, as far as they are small: a journal that was lost for a while doesn't
+        know of everything that was printed.
+        """
         expected = self._journal.expected.candidates(taken_at)
-        for run_id, faces in expected.items():
-            found = self._bench(run_id)
-            if found is not None:
-                yield *found, faces
-        for run_id in sorted(self._journal.runs, reverse=True):
-            found = self._bench(run_id)
-            if found is not None:
-                printed = sorted(self._journal.whole_run(run_id, self._now()))
-                if printed != expected.get(run_id):
-                    yield *found, printed
+        latest = dict.fromkeys([*expected, *sorted(self._journal.runs, reverse=True)])
+        benches = [found for run_id in list(latest)[:OPEN_AT_ONCE] if (found := self._bench(run_id)) is not None]
+        looked = {run.run_id: expected.get(run.run_id, []) for run, _ in benches}
+        for run, bench in benches:
+            yield run, bench, looked[run.run_id]
+        for run, bench in benches:
+            printed = sorted(self._journal.whole_run(run.run_id, self._now()))
+            if printed != looked[run.run_id]:
+                looked[run.run_id] = printed
+                yield run, bench, printed
+        for run, bench in benches:
+            if looked[run.run_id] and len(looked[run.run_id]) < run.facts.faces <= _MOST_OF_A_JOB:
+                yield run, bench, range(run.facts.faces)
 
     def _bench(self, run_id: int) -> tuple[RunRecord, Bench] | None:
         run = self._journal.runs.get(run_id)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +14,8 @@ from tilefab.colour.drift import DriftState, drifted
 from tilefab.colour.encoding import decode_lab16
 from tilefab.config import load_job
 from tilefab.errors import TilefabError
-from tilefab.inspection.variation import AID, is_plain, variation
+from tilefab.inspection.records import ColourFigures
+from tilefab.inspection.variation import AID, is_plain, plain_cmc, variation
 from tilefab.io.press_profile import press_transform
 from tilefab.pipeline.carried import carried_press
 from tilefab.pipeline.inspection.pictures import picture_of
@@ -85,8 +87,11 @@ class JobFacts:
             for name, mean, less in zip(plan.ink_names, used, saved, strict=True)
         )
 
-    def variation(self, some: list[int]) -> VariationView | None:
-        """How much faces differ by design; ``None`` of fewer than two."""
+    def variation(self, some: list[int], measured: Sequence[ColourFigures]) -> VariationView | None:
+        """How much faces differ by design; ``None`` of fewer than two. Of plain tile also how far it is off its colour.
+
+        ``measured`` are figures of fired tiles.
+        """
         chosen = some[:: max(1, len(some) // _SAMPLED_FACES)][:_SAMPLED_FACES]
         if len(chosen) < 2:
             return None
@@ -101,7 +106,7 @@ class JobFacts:
             between_delta_e=found.between_delta_e,
             within_delta_e=found.within_delta_e,
             plain=plain,
-            cmc_plain=None,
+            cmc_plain=_plain_cmc(measured) if plain and measured else None,
             note=f"Of {found.faces} predicted faces. {AID} The tile is {standard}.",
         )
 
@@ -109,6 +114,10 @@ class JobFacts:
         """A face as it should look, for a page."""
         long_mm = max(self.plan.tile_mm.width, self.plan.tile_mm.height)
         return picture_of(self.faces.xyz(face, self.faces.factor(_PICTURE_PX / long_mm)), _PICTURE_PX)
+
+
+def _plain_cmc(measured: Sequence[ColourFigures]) -> float:
+    return plain_cmc([colour.predicted_lab for colour in measured], [colour.fired_lab for colour in measured])
 
 
 def job_facts(job_file: Path, job_hash: str, progress: Progress) -> JobFacts | str:

@@ -201,6 +201,7 @@ class _View:
         tiles = tuple(self._tile(arm, by_arm.get(arm.arm_id)) for arm in of.arms)
         begun, ended = self._span(tiles)
         printed = [tile.face for tile in tiles]
+        colours = [tile.colour for tile in tiles if tile.colour is not None]
         size = facts.plan.tile_mm if facts is not None else None
         return LineReportView(
             title=run.facts.name,
@@ -232,7 +233,7 @@ class _View:
             inks=facts.inks(len(tiles)) if facts is not None else (),
             shifts=shifts(begun, ended, self.utc_offset) if of.span.whole else (),
             limits=self._limits(),
-            variation=facts.variation(printed) if facts is not None else None,
+            variation=facts.variation(printed, colours) if facts is not None else None,
             ink_unit="m² of full cover",
             ink_saved_against="the profile's own separation of the same colours",
             worst=self._worst(tiles),

@@ -14,7 +14,7 @@ from tilefab.io.inspection_records import InnovationRecord
 from tilefab.io.inspection_store import InspectionStore
 from tilefab.io.journal import RunRecord
 from tilefab.pipeline.inspection.alarm_desk import AlarmDesk
-from tilefab.pipeline.inspection.benches import Bench, Benches
+from tilefab.pipeline.inspection.benches import OPEN_AT_ONCE, Bench, Benches
 from tilefab.pipeline.inspection.correcting import Learnt, follow_corrections, learn, quiet
 from tilefab.pipeline.inspection.line_journal import LineJournal
 from tilefab.pipeline.inspection.messages import Answer, Daemon, Messages
@@ -173,7 +173,7 @@ class ColourLoop:
     def follow(self, now: datetime, now_s: float) -> None:
         """Tell the controllers which corrections are in use, now that the journal was read; ``now_s`` never jumps."""
         present = self._journal.present
-        for run_id in self._journal.expected.runs:
+        for run_id in self._journal.expected.runs[-OPEN_AT_ONCE:]:
             run = self._journal.runs.get(run_id)
             bench = None if run is None else self._benches.of(run, now_s)
             if run is None or bench is None or not bench.press:

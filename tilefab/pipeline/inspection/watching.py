@@ -16,6 +16,10 @@ _SETTLED_LOOKS = 2
 """How often in a row a file must look the same before it is read: a camera may be writing it."""
 _EMPTY_LOOKS = 20
 _MOST_TRIES = 4
+_MANY_NAMES = 2000
+"""From here on a folder is listed only when it has changed,"""
+_LOOKS_LEFT_OUT = 20
+"""and after so many looks in any case: two changes within a tick of the file system's clock look like one."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +83,8 @@ class CameraFolder:
         self._folder, self._done = folder, done
         self._finished: set[str] = set()
         self._waiting: dict[str, _Seen] = {}
+        self._changed_ns: int | None = None
+        self._left_out = 0
         self.problem = ""
 
     def look(self) -> list[ImageFile]:
@@ -88,12 +94,18 @@ class CameraFolder:
         kinds are left alone. ``problem`` tells why the folder can't be read; it is empty if it can.
         """
         try:
+            changed_ns = self._folder.stat().st_mtime_ns
+            if changed_ns == self._changed_ns and not self._waiting and self._left_out < _LOOKS_LEFT_OUT:
+                self._left_out += 1
+                return []
             with os.scandir(self._folder) as entries:
                 names = [entry.name for entry in entries if _is_image(entry.name)]
         except OSError as error:
             self.problem = f"{self._folder}: {error.strerror or error}"
             return []
         self.problem = ""
+        self._changed_ns = changed_ns if len(names) > _MANY_NAMES else None
+        self._left_out = 0
         there = set(names)
         self._finished &= there
         self._waiting = {name: seen for name, seen in self._waiting.items() if name in there}

@@ -255,6 +255,11 @@ ALARMS: Mapping[str, AlarmText] = {
         "Faces printed meanwhile may come again.",
         "Compare the last tiles with the journal before going on. Then acknowledge.",
     ),
+    "defect": AlarmText(
+        "A defect of tilefab",
+        "Something happened in the daemon that must not happen. It stopped the line.",
+        "Send the log to tilefab's makers. Acknowledge and start; restart the daemon if it comes again.",
+    ),
     "camera_silent": AlarmText(
         "The camera is silent",
         f"Tiles should be leaving the kiln, but no image of one has come for a while. {_LINE_GOES_ON} Colours aren't "
@@ -313,11 +318,6 @@ ALARMS: Mapping[str, AlarmText] = {
         f"The inspector's correction wasn't taken: the alarm's text says why. {_LINE_GOES_ON} Coming faces are printed "
         "as before.",
         "Put right what the text says; acknowledge.",
-    ),
-    "defect": AlarmText(
-        "A defect of tilefab",
-        "Something happened in the daemon that must not happen. It stopped the line.",
-        "Send the log to tilefab's makers. Acknowledge and start; restart the daemon if it comes again.",
     ),
 }
 """By code, in the order in which they are documented."""

@@ -195,15 +195,17 @@ class Corrector:
             )
 
     async def _opened(self, plan: Plan, source: FaceSource) -> TextureMap:
-        """A correction's map, made if need be, also in the place of a damaged one."""
+        """A correction's map, made if need be, also in the place of a damaged one; one that the source takes."""
         texture_hash = source.maps.texture.hash
         await self._maps.make(plan)
         try:
-            return await asyncio.to_thread(self._maps.load, plan, texture_hash)
+            press = await asyncio.to_thread(self._maps.load, plan, texture_hash)
         except TextureMapError:
             await asyncio.to_thread(self._maps.forget, plan)
-        await self._maps.make(plan)
-        return await asyncio.to_thread(self._maps.load, plan, texture_hash)
+            await self._maps.make(plan)
+            press = await asyncio.to_thread(self._maps.load, plan, texture_hash)
+        source.check(press)
+        return press
 
     def _put(self, source: FaceSource, record: CorrectionRecord, press: TextureMap) -> None:
         source.put(record.number, press)

@@ -122,7 +122,7 @@ class LineDaemon:
         self.gauge = GaugeLoop(self.keeper)
         self.kiln: KilnLoop | None = None
         if settings.kiln is not None:
-            self.kiln = KilnLoop(self, settings.kiln.limits, settings.kiln.tolerance_degc)
+            self.kiln = KilnLoop(self, settings.kiln.limits, settings.kiln.tolerance_degc, self.put_down)
         data_endpoint = settings.printer.data
         self.arming = Arming(
             self,
@@ -324,6 +324,10 @@ class LineDaemon:
     def tell(self, kind: str, **facts: object) -> None:
         """Write an event to the log and the journal."""
         self._log(kind, **facts)
+        self.put_down(kind, **facts)
+
+    def put_down(self, kind: str, **facts: object) -> None:
+        """Write an event to the journal alone."""
         if not self._closed:
             self._start(self._note(kind, facts))
 

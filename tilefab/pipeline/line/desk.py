@@ -21,6 +21,7 @@ from tilefab.pipeline.line.daemon import LineDaemon, Log
 from tilefab.pipeline.line.device_link import LinkFacts
 from tilefab.pipeline.line.jobs import prepare_job
 from tilefab.pipeline.line.metrics import LineCounters, metrics_text
+from tilefab.pipeline.line.orders import MOST_CORRECTIONS_TOLD
 from tilefab.pipeline.line.status import (
     AlarmView,
     CorrectionView,
@@ -224,7 +225,8 @@ class Desk:
     async def corrections(self, run_id: int | None) -> tuple[int, Sequence[CorrectionView]]:
         """A run and its corrections; see `LineControl.corrections`."""
         run = await self._run(run_id)
-        found = await self._read(lambda journal: journal.corrections(run.run_id))
+        newest = range(max(1, run.correction + 1 - MOST_CORRECTIONS_TOLD), run.correction + 1)
+        found = await self._read(lambda journal: journal.corrections(run.run_id, newest))
         return run.run_id, [_correction(record) for record in found]
 
     def warn(self, code: str, text: str) -> None:

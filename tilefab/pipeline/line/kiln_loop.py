@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from tilefab.control.ramp import RampLimits, next_set_points
@@ -15,6 +16,12 @@ _SET_STEP_DEGC = 0.05
 _CYCLE_STEP_MIN = 0.05
 _OFF_FOR_S = 5.0
 """A zone may be off for so long before it is told of."""
+
+FIRING = "kiln"
+"""Kind of the journal's note of the kiln's zones."""
+_NOTE_MOVED_DEGC = 0.5
+_NOTE_SOONEST_S = 2.0
+_NOTE_LATEST_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -44,10 +51,13 @@ class KilnLoop:
         Of set-points and of how fast they may move.
     tolerance_degc
         How near to its set-point a zone must be to print.
+    note
+        Puts down in the journal how its zones go.
     """
 
-    def __init__(self, host: LineHost, limits: RampLimits, tolerance_degc: float) -> None:
-        self._host, self._limits, self._tolerance_degc = host, limits, tolerance_degc
+    def __init__(self, host: LineHost, limits: RampLimits, tolerance_degc: float, note: Callable[..., None]) -> None:
+        self._host, self._limits, self._tolerance_degc, self._note = host, limits, tolerance_degc, note
+        self._noted: tuple[float, KilnStatus] | None = None
         self.status: KilnStatus | None = None
         self._target: KilnRecipe | None = None
         self._last_step_s: float | None = None
@@ -80,6 +90,7 @@ class KilnLoop:
         status = await session.poll()
         self.status = status
         self._look_at(status)
+        self._put_down(status, asyncio.get_running_loop().time())
         target = self._target
         if target is None or self._is_set(status, target):
             return
@@ -108,6 +119,24 @@ class KilnLoop:
             return True
         pairs = zip(status.set_points_degc, target.set_points_degc, strict=True)
         return all(abs(now - wanted) <= _SET_STEP_DEGC for now, wanted in pairs)
+
+    def _put_down(self, status: KilnStatus, now: float) -> None:
+        """Note the zones when they moved, and now and then in any case, for whoever asks what fired a tile."""
+        if self._noted is not None:
+            then, last = self._noted
+            moved = max(
+                abs(degc - before)
+                for degc, before in zip(status.temperatures_degc, last.temperatures_degc, strict=True)
+            )
+            changed = moved >= _NOTE_MOVED_DEGC or status.set_points_degc != last.set_points_degc
+            if now - then < (_NOTE_SOONEST_S if changed else _NOTE_LATEST_S):
+                return
+        self._noted = now, status
+        self._note(
+            FIRING,
+            temperatures_degc=[round(degc, 1) for degc in status.temperatures_degc],
+            set_points_degc=[round(degc, 1) for degc in status.set_points_degc],
+        )
 
     def _look_at(self, status: KilnStatus) -> None:
         if not self._host.moving:

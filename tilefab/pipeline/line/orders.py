@@ -12,6 +12,9 @@ from tilefab.pipeline.line.status import AlarmView, CorrectionView, FaceView, Li
 MOST_FACES_TOLD = 200
 """Most faces that `LineControl.faces` is asked for."""
 
+MOST_CORRECTIONS_TOLD = 200
+"""Most corrections that `LineControl.corrections` tells: the newest."""
+
 SETTLED = (ArmState.PASSED, ArmState.DIVERTED, ArmState.UNPRINTED)
 """What an operator may say became of a face in doubt."""
 
@@ -54,7 +57,7 @@ class LineControl(Protocol):
         """
 
     async def corrections(self, run_id: int | None) -> tuple[int, Sequence[CorrectionView]]:
-        """A run and its corrections in order; without a number of the present run, or else the last.
+        """A run and the newest of its corrections in order; without a number of the present run, or else the last.
 
         Raises
         ------

@@ -12,7 +12,7 @@ from tilefab.errors import OutputError
 from tilefab.io.manifest import locked_folder
 from tilefab.pipeline.faces import PlannedFace, plan_face, render_strip
 from tilefab.pipeline.maps import JobMaps, check_owner, job_maps
-from tilefab.pipeline.plan import Plan
+from tilefab.pipeline.plan import MAPS_FOLDER, Plan
 from tilefab.pipeline.progress import Progress
 from tilefab.pipeline.run import claim_folder
 from tilefab.sampling import TextureMap
@@ -109,12 +109,25 @@ class FaceSource:
         Raises
         ------
         OutputError
-            If its map can't be one of this job.
+            As `check`.
+        """
+        self.check(press)
+        self._corrected = {**self._corrected, correction: press}
+
+    def check(self, press: TextureMap) -> None:
+        """Make sure that a corrected map can be one of this job.
+
+        Raises
+        ------
+        OutputError
+            If it has another size, other inks, or is of another texture map.
         """
         own = self.maps.press
         if (press.base.shape, press.base.dtype, press.cell_shape) != (own.base.shape, own.base.dtype, own.cell_shape):
-            raise OutputError(f"{self.plan.name}: the map of correction {correction} is of another texture map")
-        self._corrected = {**self._corrected, correction: press}
+            raise OutputError(
+                f"{self.plan.name}: its corrected map has other inks or another size than its own: remove it from "
+                f"{self.plan.output / MAPS_FOLDER}"
+            )
 
     def keep_only(self, corrections: Collection[int]) -> None:
         """Let go of the maps of all corrections but some; a face that is being rendered keeps its own to its end."""

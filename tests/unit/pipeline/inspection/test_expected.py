@@ -26,6 +26,7 @@ def printed(
         state=state,
         printed_at=at,
         passed_at=at,
+        data_crc32=None,
     )
 
 
@@ -65,6 +66,17 @@ def test_runs_with_the_most_candidates_come_first() -> None:
     assert tiles.runs == (1, 2)
     assert tiles.newest_run == 2
     assert expected().newest_run is None
+
+
+def test_the_run_whose_tiles_are_due_comes_first() -> None:
+    tiles = expected(
+        printed(1, 100, run_id=1), printed(2, 55, run_id=1), printed(3, 40, run_id=2), printed(4, 39, run_id=2)
+    )
+    tiles.took(56 * MINUTE)
+    assert list(tiles.candidates(NOW)) == [1, 2]
+    tiles = expected(printed(1, 100, run_id=1), printed(2, 55, run_id=1), printed(3, 40, run_id=2))
+    tiles.took(41 * MINUTE)
+    assert list(tiles.candidates(NOW)) == [2, 1]
 
 
 def test_a_tile_that_was_seen_is_no_candidate_any_more() -> None:

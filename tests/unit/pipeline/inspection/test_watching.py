@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tilefab.pipeline.inspection import watching as module
 from tilefab.pipeline.inspection.watching import CameraFolder, ImageFile, thinned, time_in_name
 
 WHEN = datetime(2026, 11, 24, 8, 30, 15, 250_000, tzinfo=UTC)
@@ -159,6 +160,34 @@ def test_an_image_that_cant_be_read_is_tried_less_and_less_often_then_given_up(t
     assert gaps == sorted(gaps)
     assert gaps[-1] >= 8
     assert not camera.retry("unknown.png")
+
+
+def test_a_full_folder_is_listed_when_it_has_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_MANY_NAMES", 3)
+    scandir, listed = os.scandir, 0
+
+    def counted(folder: Path) -> object:
+        nonlocal listed
+        listed += 1
+        return scandir(folder)
+
+    for number in range(5):
+        put(tmp_path, name_of(number))
+    os.utime(tmp_path, ns=(1, 1))
+    camera = CameraFolder(tmp_path, nothing_done)
+    camera.finish(settled(camera))
+    monkeypatch.setattr(os, "scandir", counted)
+    for _ in range(21):
+        assert camera.look() == []
+    assert listed == 1
+    put(tmp_path, name_of(9))
+    os.utime(tmp_path, ns=(2, 2))
+    assert settled(camera) == [name_of(9)]
+    camera.finish([name_of(9)])
+    camera.look()
+    put(tmp_path, name_of(10))
+    os.utime(tmp_path, ns=(2, 2))
+    assert any(names(camera.look()) == [name_of(10)] for _ in range(25))
 
 
 def test_an_image_written_anew_is_waited_for_again(tmp_path: Path) -> None:

@@ -50,7 +50,12 @@ class Kiln:
         self.commands: list[KilnCommand] = []
         self.now_s = 1000.0
         self.host = Host()
-        self.loop = KilnLoop(cast(LineHost, self.host), LIMITS, 5.0)
+        self.noted: list[tuple[float, dict[str, Any]]] = []
+        self.loop = KilnLoop(cast(LineHost, self.host), LIMITS, 5.0, self.note)
+
+    def note(self, kind: str, **facts: object) -> None:
+        assert kind == "kiln"
+        self.noted.append((self.now_s, facts))
 
     async def poll(self) -> KilnStatus:
         return self.status
@@ -168,3 +173,28 @@ def test_a_zone_that_drifts_is_told_of_once_and_again_after_it_was_right() -> No
         kiln.status = replace(kiln.status, temperatures_degc=(500.0,) * 8)
         kiln.go_round(2)
     assert kiln.host.told == ["kiln_zone: zone 2 of the kiln is at 510 °C, 500 wanted"] * 2
+
+
+def test_zones_are_noted_when_they_move_but_not_too_often_and_now_and_then_in_any_case() -> None:
+    kiln = Kiln()
+
+    def zone(degc: float) -> None:
+        kiln.status = replace(kiln.status, temperatures_degc=(*(500.0,) * 7, degc))
+
+    kiln.go_round(241)  # two minutes at rest
+    assert [at for at, _ in kiln.noted] == [1000.0, 1060.0, 1120.0]
+    assert kiln.noted[0][1] == {"temperatures_degc": [500.0] * 8, "set_points_degc": [500.0] * 8}
+    kiln.noted.clear()
+    zone(500.4)
+    kiln.go_round(10)
+    assert not kiln.noted, "less than half a degree"
+    for number in range(12):
+        zone(501.04 + number)
+        kiln.go_round()
+    assert [at - kiln.noted[0][0] for at, _ in kiln.noted] == [0.0, 2.0, 4.0]
+    assert kiln.noted[0][1]["temperatures_degc"][7] == 501.0
+    kiln.go_round(20)
+    kiln.noted.clear()
+    kiln.status = replace(kiln.status, set_points_degc=(505.0,) * 8)
+    kiln.go_round()
+    assert kiln.noted[0][1]["set_points_degc"] == [505.0] * 8
