@@ -199,6 +199,7 @@ class Loop:
 
     job: Job
     inks: list[Float64Array]
+    predicted: list[Float64Array]
     control: DriftControl
     tiles: int = 0
     steps: int = 0
@@ -206,15 +207,18 @@ class Loop:
     evidence_s: float = 0.0
     conversion_s: list[float] = field(default_factory=list)
 
-    def tell(self, minute: int, face: int, number: int, ink_frac: Float64Array, lab: Float64Array) -> None:
-        """A tile was measured: mean inks (regions, N), measured colours (regions, 3)."""
+    def tell(self, minute: int, number: int, pixels: NDArray[np.intp], lab: Float64Array) -> None:
+        """The tile that was fired in a minute was measured: places of its regions, and their colours (regions, 3)."""
         inks = self.job.model.inks
         began = time.process_time()
+        ink_frac = self.inks[number][pixels].mean(axis=1)
+        # A region's mean colour isn't the colour of its mean inks.
+        lab = lab - even(self.predicted[number][pixels]) + self.job.model.lab(ink_frac)
         at = expected(self.control, number)
         state = DriftState(at, no_drift(inks).covariance, inks)
         found = drift_evidence(self.job.model, state, ink_frac, lab, REGION_NOISE)
         event = TileMeasured(
-            face,
+            minute,
             number,
             60.0 * minute,
             60.0 * minute,
@@ -244,6 +248,7 @@ class Loop:
             drift = DriftFile(state, profile.ink_names, profile.sha256, self.tiles, action.reason)
             sha256 = hashlib.sha256(action.mean.tobytes()).hexdigest()
             self.inks.append(job.ink_frac(corrected_plan(job.plan, drift, sha256)))
+            self.predicted.append(job.promised(self.inks[-1]))
             self.conversion_s.append(time.process_time() - began)
             applied = CorrectionApplied(len(self.inks) - 1, 60.0 * minute, action.mean)
             self.control, _ = step(self.control, applied)
@@ -254,7 +259,7 @@ def one_run(figures: Figures, job: Job, title: str, hours: float, seed: int) -> 
     inks = job.model.inks
     first = job.ink_frac(job.plan)
     promised = job.promised(first)
-    loop = Loop(job, [first], start_control(no_drift(inks).covariance, now_s=0.0))
+    loop = Loop(job, [first], [promised], start_control(no_drift(inks).covariance, now_s=0.0))
     minutes = round(60 * hours)
     random = np.random.default_rng(seed + 1)
     used = np.zeros(minutes, dtype=np.int64)
@@ -276,7 +281,7 @@ def one_run(figures: Figures, job: Job, title: str, hours: float, seed: int) -> 
         )
         seen = shown if random.random() >= WRONG_SHARE else shown[random.permutation(len(shown))]
         seen = seen + random.normal(0.0, REGION_NOISE, seen.shape) + random.normal(0.0, TILE_NOISE, 3)
-        loop.tell(minute, minute, number, printed.mean(axis=1), seen)
+        loop.tell(minute, number, pixels, seen)
         if (minute + 1) % 60 == 0:
             figures.row(f"hour {(minute + 1) // 60}", tuple(np.array(rows[-60:]).mean(axis=0)))
     table = np.array(rows)

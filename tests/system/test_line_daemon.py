@@ -188,9 +188,9 @@ def slow_down(hand: Hand, seconds: float) -> None:
     mark, intend = type(keeper._journal).mark, type(keeper._journal).intend
 
     def late(call: Any) -> Any:
-        def work(*arguments: Any) -> Any:
+        def work(*arguments: Any, **named: Any) -> Any:
             time.sleep(seconds)
-            return call(keeper._journal, *arguments)
+            return call(keeper._journal, *arguments, **named)
 
         return work
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -15,8 +15,9 @@ from rich.text import Text
 from tilefab.cli.common import JsonOption, print_json
 from tilefab.cli.progress import NOTE_STYLE, Bars
 from tilefab.config import load_line
-from tilefab.pipeline.inspection.line_reporting import Span, write_line_reports
-from tilefab.pipeline.inspection.overview import RunOverview, run_overview
+
+if TYPE_CHECKING:
+    from tilefab.pipeline.inspection.overview import RunOverview
 
 LineArgument = Annotated[Path, typer.Argument(metavar="LINE", help="The line's file (TOML).")]
 
@@ -44,6 +45,9 @@ def report(
 
     Where more than one run printed in a shift, each has its own file, with the run's number in its name.
     """
+    # Whoever draws needs fonts and colours; other commands don't.
+    from tilefab.pipeline.inspection.line_reporting import Span, write_line_reports
+
     if output.suffix.lower() != ".pdf":
         raise typer.BadParameter(f"{output}: the report goes into a .pdf file")
     if shift is not None and (begun is not None or ended is not None):
@@ -76,6 +80,8 @@ def inspected(
     as_json: JsonOption = False,
 ) -> None:
     """Show how the tiles of a line's newest run came out of the kiln so far."""
+    from tilefab.pipeline.inspection.overview import run_overview
+
     found = run_overview(load_line(line), last)
     if as_json:
         print_json(dataclasses.asdict(found))

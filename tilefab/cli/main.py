@@ -12,7 +12,8 @@ from typing import Annotated
 import typer
 
 import tilefab
-from tilefab.cli import line, maps, profile
+from tilefab.cli import inspect as line_inspect
+from tilefab.cli import line, line_report, maps, profile, tiles
 from tilefab.cli.common import (
     FileOption,
     JobArgument,
@@ -63,6 +64,11 @@ app.add_typer(job_app, name="job")
 app.add_typer(maps.app, name="map")
 app.add_typer(profile.app, name="profile")
 app.add_typer(line.app, name="line")
+line.app.command("inspect")(line_inspect.inspect)
+line.app.command("inspected")(line_report.inspected)
+line.app.command("report")(line_report.report)
+app.command("inspect")(tiles.inspect)
+app.command("trace")(tiles.trace)
 
 
 def _version(show: bool) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -18,9 +18,10 @@ from tilefab.config import load_line
 from tilefab.inspection.records import Recognition, TileInspection
 from tilefab.io.faces import check_preview_path
 from tilefab.pipeline.faces import check_target
-from tilefab.pipeline.inspection.looking import LookedAt, Looking, look_at
-from tilefab.pipeline.inspection.tile_sheet import write_tile_sheet
-from tilefab.pipeline.inspection.tracing import TracedTile, reprint_tile, trace_tile
+
+if TYPE_CHECKING:
+    from tilefab.pipeline.inspection.looking import LookedAt
+    from tilefab.pipeline.inspection.tracing import TracedTile
 
 UNKNOWN = 1
 """Exit code where the tile is none of the job's, or can't be measured."""
@@ -68,6 +69,10 @@ def inspect(
     as_json: JsonOption = False,
 ) -> None:
     """Recognise a fired tile, measure it against its own face, and grade it. Ends with 1 if it is none of the job's."""
+    # What it takes to measure a tile is loaded by those who do.
+    from tilefab.pipeline.inspection.looking import Looking, look_at
+    from tilefab.pipeline.inspection.tile_sheet import write_tile_sheet
+
     if picture is not None:
         check_preview_path(picture)
     plan = planned_job(job, out)
@@ -103,6 +108,9 @@ def trace(
     as_json: JsonOption = False,
 ) -> None:
     """Tell which face a fired tile is, and when and how it was printed and fired. Ends with 1 if none of the job's."""
+    from tilefab.pipeline.inspection.looking import Looking, look_at
+    from tilefab.pipeline.inspection.tracing import reprint_tile, trace_tile
+
     if output is not None and output.suffix.lower() not in (".tif", ".tiff"):
         raise typer.BadParameter(f"{output}: print data go into a .tif file")
     plan = planned_job(job, out)

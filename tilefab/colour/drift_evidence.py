@@ -120,7 +120,9 @@ def drift_evidence(
         What the tile is expected to show: its mean, and how far that may be off.
     ink_frac, fired_lab
         (M, N) mean inks of each region, and (M, 3) the absolute Lab it fired to; regions that aren't finite are left
-        out.
+        out. The mean colour of a region that isn't even is not that of its mean inks: for such ones give ``model.lab(
+        ink_frac)`` plus what was measured less the mean of the colours that the press as it was profiled makes of the
+        region's pixels.
     noise_lab
         Spread of L*, a* and b* of each region, one number or (M,), 0 upwards.
     share

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from tilefab.colour.spaces import WHITE_XYZ_D50, lab_from_xyz, xyz_from_lab
 from tilefab.jit import kernel
 from tilefab.types import FloatImage
 
@@ -17,6 +18,10 @@ Float64Array = NDArray[np.float64]
 
 COLOUR_TERMS = 11
 """Terms of a colour itself, see `mapped`."""
+
+_KNEE = 6.0 / 29.0
+LEAST_LIGHT = 0.003
+"""Below it, a change of light counts no more than there: noise alone would rule."""
 
 PLACE_TERMS = 5
 """x, y, x2, xy, y2 of a place, both axes from -1 to 1 over the tile."""
@@ -121,6 +126,54 @@ def mapped_plain(
 
 
 @kernel
+def light_of(lab: FloatImage) -> FloatImage:
+    """Linear light (rows, cols, 3), XYZ over the white's, of CIELAB colours."""
+    rows, cols = lab.shape[:2]
+    out = np.empty_like(lab)
+    for row in range(rows):
+        for col in range(cols):
+            middle = (lab[row, col, 0] + 16.0) / 116.0
+            for c in range(3):
+                f = middle
+                if c == 0:
+                    f += lab[row, col, 1] / 500.0
+                elif c == 2:
+                    f -= lab[row, col, 2] / 200.0
+                out[row, col, c] = f * f * f if f > _KNEE else (f - 4.0 / 29.0) * 3.0 * _KNEE * _KNEE
+    return out
+
+
+def light_of_plain(lab: FloatImage) -> Float64Array:
+    """Twin of `light_of`."""
+    return np.asarray(xyz_from_lab(lab) / np.array(WHITE_XYZ_D50), dtype=np.float64)
+
+
+@kernel
+def lab_of(light: FloatImage) -> FloatImage:
+    """CIELAB colours (rows, cols, 3) of linear light, XYZ over the white's; light below 0 follows the linear part."""
+    rows, cols = light.shape[:2]
+    out = np.empty_like(light)
+    f = np.empty(3)
+    for row in range(rows):
+        for col in range(cols):
+            for c in range(3):
+                value = np.float64(light[row, col, c])
+                if value > _KNEE**3:
+                    f[c] = np.cbrt(value)
+                else:
+                    f[c] = value / (3.0 * _KNEE * _KNEE) + 4.0 / 29.0
+            out[row, col, 0] = 116.0 * f[1] - 16.0
+            out[row, col, 1] = 500.0 * (f[0] - f[1])
+            out[row, col, 2] = 200.0 * (f[1] - f[2])
+    return out
+
+
+def lab_of_plain(light: FloatImage) -> Float64Array:
+    """Twin of `lab_of`."""
+    return lab_from_xyz(np.asarray(light, dtype=np.float64) * np.array(WHITE_XYZ_D50))
+
+
+@kernel
 def means_of(image: FloatImage, step: int) -> FloatImage:
     """Means (rows // step, cols // step, K) over squares of ``step`` pixels of an image (rows, cols, K)."""
     high, wide, channels = image.shape[0] // step, image.shape[1] // step, image.shape[2]
@@ -178,11 +231,12 @@ def block_sums(
     Parameters
     ----------
     predicted, fired
-        (rows, cols, 3).
+        (rows, cols, 3) linear light, see `light_of`: there a blurred image is the mean of sharp ones.
     weight
         (rows, cols).
     scale
-        (3,) usual size of the residual of each channel; residuals count up to four times that.
+        (3,) usual size of the residual of each channel, as lightness: light over three times its cube root squared.
+        Residuals count up to four times that.
     block
         Side of a block, pixels.
 
@@ -190,7 +244,7 @@ def block_sums(
     -------
     ndarray
         (block rows, block cols, 9): x x, x y, x c, y y, y c, c c of the slopes x, y and the curvature c; then their
-        products with the residual.
+        products with the residual; all as lightness.
     """
     rows, cols = weight.shape
     out = np.zeros(((rows + block - 1) // block, (cols + block - 1) // block, 9))
@@ -206,19 +260,26 @@ def block_sums(
                 left, right = predicted[row, col - 1, c], predicted[row, col + 1, c]
                 up, down = predicted[row - 1, col, c], predicted[row + 1, col, c]
                 x, y, curve = 0.5 * (right - left), 0.5 * (down - up), left + right + up + down - 4.0 * here
+                root = np.cbrt(max(np.float64(here), LEAST_LIGHT))
+                steep = 1.0 / (3.0 * root * root)
                 most = 4.0 * scale[c]
-                rest = min(max(fired[row, col, c] - here, -most), most)
-                counts = share / (scale[c] * scale[c])
-                out[i, j, 0] += counts * x * x
-                out[i, j, 1] += counts * x * y
-                out[i, j, 2] += counts * x * curve
-                out[i, j, 3] += counts * y * y
-                out[i, j, 4] += counts * y * curve
-                out[i, j, 5] += counts * curve * curve
+                rest = min(max(steep * (fired[row, col, c] - here), -most), most)
+                counts = share * steep / (scale[c] * scale[c])
+                out[i, j, 0] += counts * steep * x * x
+                out[i, j, 1] += counts * steep * x * y
+                out[i, j, 2] += counts * steep * x * curve
+                out[i, j, 3] += counts * steep * y * y
+                out[i, j, 4] += counts * steep * y * curve
+                out[i, j, 5] += counts * steep * curve * curve
                 out[i, j, 6] += counts * x * rest
                 out[i, j, 7] += counts * y * rest
                 out[i, j, 8] += counts * curve * rest
     return out
+
+
+def steepness(light: NDArray[np.floating]) -> Float64Array:
+    """How much lightness changes with light, up to a factor of 116: the slope of the cube root."""
+    return np.asarray(1.0 / (3.0 * np.cbrt(np.maximum(np.asarray(light, dtype=np.float64), LEAST_LIGHT)) ** 2))
 
 
 def slopes_plain(predicted: FloatImage) -> Float64Array:
@@ -237,8 +298,9 @@ def block_sums_plain(
     predicted: FloatImage, fired: FloatImage, weight: FloatImage, scale: Float64Array, block: int
 ) -> Float64Array:
     """Twin of `block_sums`."""
-    slopes = slopes_plain(predicted)
-    rest = np.clip(np.asarray(fired, dtype=np.float64) - predicted, -4.0 * scale, 4.0 * scale)
+    steep = steepness(predicted)
+    slopes = steep * slopes_plain(predicted)
+    rest = np.clip(steep * (np.asarray(fired, dtype=np.float64) - predicted), -4.0 * scale, 4.0 * scale)
     counts = np.asarray(weight, dtype=np.float64)[..., np.newaxis] / scale**2
     pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
     products = [slopes[i] * slopes[j] for i, j in pairs] + [slope * rest for slope in slopes]
@@ -250,64 +312,45 @@ def block_sums_plain(
 
 
 @kernel
-def residual_of(
-    predicted: FloatImage, fired: FloatImage, weight: FloatImage, moves: Float64Array, block: int
-) -> FloatImage:
-    """Fired less predicted, less what small shifts and a little blur explain; 0 where the weight is.
+def moved_by(predicted: FloatImage, moves: Float64Array, block: int) -> FloatImage:
+    """Linear light, a little shifted and blurred, to first order; the outermost pixels stay.
 
     ``moves``: (block rows, block cols, 3), factors of the slopes x and y and of the curvature in the middle of each
     block; between the middles they go over linearly.
     """
-    rows, cols = weight.shape
+    rows, cols = predicted.shape[:2]
     high, wide = moves.shape[:2]
-    out = np.zeros_like(predicted)
-    for row in range(rows):
+    out = predicted.copy()
+    factor = np.empty(3)
+    for row in range(1, rows - 1):
         at = min(max((row + 0.5) / block - 0.5, 0.0), high - 1.0)
-        i = min(int(at), high - 1)
-        down_share = at - i
-        below = min(i + 1, high - 1)
-        above_row, below_row = max(row - 1, 0), min(row + 1, rows - 1)
-        inner_row = 0 < row < rows - 1
-        for col in range(cols):
-            if weight[row, col] <= 0.0:
-                continue
-            at_x = min(max((col + 0.5) / block - 0.5, 0.0), wide - 1.0)
-            j = min(int(at_x), wide - 1)
-            right_share = at_x - j
-            after = min(j + 1, wide - 1)
-            inner = inner_row and 0 < col < cols - 1
-            left_col, right_col = max(col - 1, 0), min(col + 1, cols - 1)
+        i = int(at)
+        below, down_share = min(i + 1, high - 1), at - i
+        for col in range(1, cols - 1):
+            across = min(max((col + 0.5) / block - 0.5, 0.0), wide - 1.0)
+            j = int(across)
+            after, right_share = min(j + 1, wide - 1), across - j
+            for k in range(3):
+                top = moves[i, j, k] * (1.0 - right_share) + moves[i, after, k] * right_share
+                bottom = moves[below, j, k] * (1.0 - right_share) + moves[below, after, k] * right_share
+                factor[k] = top * (1.0 - down_share) + bottom * down_share
             for c in range(3):
-                value = np.float64(fired[row, col, c]) - predicted[row, col, c]
-                if inner:
-                    left, right = predicted[row, left_col, c], predicted[row, right_col, c]
-                    up, down = predicted[above_row, col, c], predicted[below_row, col, c]
-                    slopes = (
-                        0.5 * (right - left),
-                        0.5 * (down - up),
-                        left + right + up + down - 4.0 * predicted[row, col, c],
-                    )
-                    for k in range(3):
-                        top = moves[i, j, k] * (1.0 - right_share) + moves[i, after, k] * right_share
-                        bottom = moves[below, j, k] * (1.0 - right_share) + moves[below, after, k] * right_share
-                        value -= slopes[k] * (top * (1.0 - down_share) + bottom * down_share)
-                out[row, col, c] = value
+                here = predicted[row, col, c]
+                left, right = predicted[row, col - 1, c], predicted[row, col + 1, c]
+                up, down = predicted[row - 1, col, c], predicted[row + 1, col, c]
+                slope = 0.5 * (factor[0] * (right - left) + factor[1] * (down - up))
+                out[row, col, c] = here + slope + factor[2] * (left + right + up + down - 4.0 * here)
     return out
 
 
-def residual_of_plain(
-    predicted: FloatImage, fired: FloatImage, weight: FloatImage, moves: Float64Array, block: int
-) -> Float64Array:
-    """Twin of `residual_of`."""
-    places = np.meshgrid(
-        *((np.arange(side) + 0.5) / block - 0.5 for side in weight.shape),
-        indexing="ij",
+def moved_by_plain(predicted: FloatImage, moves: Float64Array, block: int) -> Float64Array:
+    """Twin of `moved_by`."""
+    places = np.meshgrid(*((np.arange(side) + 0.5) / block - 0.5 for side in predicted.shape[:2]), indexing="ij")
+    factors = [ndimage.map_coordinates(moves[..., k], places, order=1, mode="nearest") for k in range(3)]
+    slopes = slopes_plain(predicted)
+    return np.asarray(
+        predicted + sum(slope * factor[..., np.newaxis] for slope, factor in zip(slopes, factors, strict=True))
     )
-    explained = sum(
-        slope * ndimage.map_coordinates(moves[..., k], places, order=1, mode="nearest")[..., np.newaxis]
-        for k, slope in enumerate(slopes_plain(predicted))
-    )
-    return np.where(weight[..., np.newaxis] > 0.0, np.asarray(fired, dtype=np.float64) - predicted - explained, 0.0)
 
 
 @kernel

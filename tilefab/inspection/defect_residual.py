@@ -11,6 +11,7 @@ on stone as on plain tile; its size is measured on the tile itself, where it is 
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,11 +26,14 @@ from tilefab.inspection.defect_kernels import (
     by_colour,
     colour_sums,
     colour_terms,
+    lab_of,
     less_blocks,
+    light_of,
     mapped,
     means_of,
+    moved_by,
     place_terms,
-    residual_of,
+    steepness,
 )
 from tilefab.inspection.defect_search_kernels import in_noise, local_contrast
 from tilefab.types import FloatImage, Mask
@@ -44,6 +48,7 @@ _CUTOFF = 3.0
 _BLOCK_MM = 3.2
 _SHIFT_PRIOR_PX = 0.3
 _BLOCK_SMOOTHING = 1.0
+_LEAST_BLUR, _LEAST_SCALE = 0.05, 5e-4
 _BACKGROUND_BLOCKS = 5
 _COLOUR_CELLS, _CELL_SMOOTHING, _COLOUR_PRIOR_SHARE = (24, 8), 0.7, 3e-4
 _BIN_QUANTILES = (0.0, 0.01, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 0.99, 0.997, 1.0)
@@ -104,14 +109,18 @@ def residual_over(
     laid = np.zeros((*valid.shape, 0), dtype=np.float32) if inks is None else inks
     expected = firing_applied(predicted_lab, fired_lab, valid, px_per_mm, laid)
     # Where nothing is known the prediction stands in, so that smoothing brings no strange colours from there.
-    fired = binomial(np.where(valid[..., np.newaxis], fired_lab, expected))
-    expected = binomial(expected)
+    seen = binomial(light_of(np.where(valid[..., np.newaxis], fired_lab, expected)))
+    sharp = binomial(light_of(expected))
     weight = valid.astype(np.float32)
-    rest = (fired - expected)[valid]
-    scale = np.maximum(_MAD * np.median(np.abs(_thinned(rest)), axis=0), 0.05).astype(np.float64)
     block = max(round(_BLOCK_MM * px_per_mm), 8)
-    moves = _block_moves(block_sums(expected, fired, weight, scale, block))
-    values = residual_of(expected, fired, weight, moves, block)
+    moves = _moves(sharp, seen, weight, block)
+    blur = float(np.median(moves[..., 2]))
+    if blur > _LEAST_BLUR:
+        # The curvature tells how far the camera blurs; much of it must be done in earnest, not to first order.
+        sharp = ndimage.gaussian_filter(sharp, (math.sqrt(2.0 * blur), math.sqrt(2.0 * blur), 0.0), truncate=3.0)
+        moves = _moves(sharp, seen, weight, block)
+    expected, fired = lab_of(moved_by(sharp, moves, block)), lab_of(seen)
+    values = (fired - expected) * weight[..., np.newaxis]
     values, rarity = _less_colours_own(expected, values, weight)
     light = np.ascontiguousarray(expected[..., 0])
     slope_y, slope_x = np.gradient(light)
@@ -125,6 +134,16 @@ def residual_over(
         np.stack([light, busy, rarity], axis=-1).astype(np.float32),
         (float(moves[..., 0].mean()), float(moves[..., 1].mean())),
     )
+
+
+def _moves(sharp: FloatImage, seen: FloatImage, weight: FloatImage, block: int) -> Float64Array:
+    """Factors (block rows, block cols, 3) of slopes and curvature that explain most."""
+    used = weight > 0.0
+    one = _thinned(sharp[used])
+    rest = (_thinned(seen[used]) - one) * steepness(one)
+    scale = np.maximum(_MAD * np.median(np.abs(rest), axis=0), _LEAST_SCALE)
+    sums = block_sums(sharp, seen, weight, scale, block)
+    return _block_moves(sums)
 
 
 def _thinned(values: NDArray[np.floating]) -> NDArray[np.floating]:

@@ -29,7 +29,7 @@ _NEAR_STEPS, _FAR_STEPS = np.arange(6, 11), np.arange(11, 17)
 _TO_EDGE = 0.7
 _LEVEL_SHARE = 0.35
 _PROFILES_MM, _LEAST_PROFILES, _BELT_PROFILES = 3.0, 5, 41
-_LEAST_CONTRAST = 0.02
+_CONTRAST_SPREADS, _LEAST_CONTRAST, _SURE_CONTRAST = 8.0, 0.003, 0.02
 _WINDOW_MM, _LEAST_WINDOW_POINTS = 3.0, 10
 _LEAST_SIDE_POINTS = 0.75
 _LEAST_NEAR_POINTS = 0.5
@@ -151,9 +151,11 @@ def _side(light: NDArray[np.float32], mask: Mask, start: Float64Array, end: Floa
     down, level = down[with_belt], ndimage.uniform_filter1d(level[with_belt], profiles, axis=0, mode="nearest")
     belt = ndimage.uniform_filter1d(level[:, -outer:].mean(axis=1), _BELT_PROFILES, mode="nearest")
     level -= belt[:, np.newaxis]
+    # What is seen of an even belt is that dark stone begins there; of a rough one it isn't.
+    rises = float(np.clip(_CONTRAST_SPREADS * level[:, -outer:].std(), _LEAST_CONTRAST, _SURE_CONTRAST))
     # The tile's brightness at its edge, not further in, where the stone may be another one.
-    inner = _inside_level(level)
-    part = level / np.where(inner > _LEAST_CONTRAST, inner, np.nan)[:, np.newaxis]
+    inner = _inside_level(level, rises)
+    part = level / np.where(inner > rises, inner, np.nan)[:, np.newaxis]
     below = part < 0.5
     # The last place, going outwards, that is still tile.
     last = part.shape[1] - 1 - np.argmax(~below[:, ::-1], axis=1)
@@ -166,15 +168,15 @@ def _side(light: NDArray[np.float32], mask: Mask, start: Float64Array, end: Floa
     return _Side(start, along, outward, length, down[good], offset)
 
 
-def _inside_level(level: Float64Array) -> Float64Array:
+def _inside_level(level: Float64Array, rises: float) -> Float64Array:
     """How much brighter than the belt (P,) the tile is at its edge, from profiles (P, S) of that.
 
     It is what two places further in say, which the camera's blur doesn't reach, for the stone may change from there to
     the edge.
     """
     # From the belt inwards, what rises first is the tile, however dark; half of what it rises to is its edge.
-    risen = level.shape[1] - 1 - np.argmax((level >= _LEAST_CONTRAST)[:, ::-1], axis=1)
-    rough = np.take_along_axis(level, np.clip(risen[:, np.newaxis] - _NEAR_STEPS, 0, None), axis=1).mean(axis=1)
+    risen = level.shape[1] - 1 - np.argmax((level >= rises)[:, ::-1], axis=1)
+    rough = np.take_along_axis(level, np.clip(risen[:, np.newaxis] - _FAR_STEPS, 0, None), axis=1).mean(axis=1)
     last = level.shape[1] - 1 - np.argmax((level >= 0.5 * rough[:, np.newaxis])[:, ::-1], axis=1)
     near, far = (
         np.take_along_axis(level, np.clip(last[:, np.newaxis] - steps, 0, level.shape[1] - 1), axis=1).mean(axis=1)

@@ -266,8 +266,8 @@ def _box(piece: Mask) -> _Box | None:
     angle = 0.0
     for step, around, width in ((_COARSE_STEP_DEG, 45.0, _COARSE_BIN), (_FINE_STEP_DEG, 2.0, _FINE_BIN)):
         tried = angle + np.radians(np.arange(-around, around, step))
-        counts = [[_peaks(along, width)[0] for along in _turned(x, y, turned)] for turned in tried]
-        scores = (np.array(counts) ** 2).sum(axis=(1, 2))
+        found = [[_peaks(along, width)[0] for along in _turned(x, y, turned)] for turned in tried]
+        scores = (np.array(found) ** 2).sum(axis=(1, 2))
         angle = float(tried[int(np.argmax(scores))])
     angle = (angle + math.pi / 4) % (math.pi / 2) - math.pi / 4
     low, high, seen = [], [], []

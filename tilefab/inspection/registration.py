@@ -40,6 +40,8 @@ _MOST_DOUBT_PX = (0.15, 0.4)
 _CORRELATED = 3.0
 _LEAST_LIKENESS = 0.1
 _ALIKE_DOUBT = 0.02
+_FITTED_PIXELS, _TRUST_ROUNDS, _LEAST_SPREAD_L, _FAR_SPREADS = 6000, 8, 0.3, 4.0
+_HALO, _LEAST_TRUSTED = 2, 0.3
 _CLIP = 5.0
 _BLURRED_PX = 2
 _GRID = np.stack(np.meshgrid(np.linspace(0.1, 0.9, 5), np.linspace(0.1, 0.9, 5)), axis=-1).reshape(-1, 2)
@@ -229,13 +231,14 @@ def register(
     voting = max(finest, round(longer / _VOTING_PX))
     alike = _alike(_level(predicted_l, image, matrix, voting)) - _ALIKE_DOUBT
     matrix = _voted(predicted_l, image, matrix, voting)
+    trusted = _trusted(predicted_l, image, matrix, voting)
 
     factors = [finest]
     while longer / (2 * factors[-1]) >= _COARSEST_PX and min(predicted_l.shape) // (2 * factors[-1]) >= _LEAST_SIDE_PX:
         factors.append(2 * factors[-1])
     step, rested = math.inf, False
     for factor in [*reversed(factors), finest]:
-        level = _level(predicted_l, image, matrix, factor)
+        level = _level(predicted_l, image, matrix, factor, trusted)
         matrix, step, rested = _refined(level, matrix)
     likeness = _alike(level)
     if not rested or _alike(_level(predicted_l, image, matrix, voting)) < alike:
@@ -291,14 +294,51 @@ def _detail(values: Float32Array, weight: Float32Array, window: int) -> Float32A
     return np.asarray(detail * weight, dtype=np.float32)
 
 
-def _level(predicted_l: Float32Array, image: _Image, matrix: Float64Array, factor: int) -> _Level:
-    """Both pictures on the face grid reduced by a factor, the image as the matrix has it."""
+def _level(
+    predicted_l: Float32Array, image: _Image, matrix: Float64Array, factor: int, trusted: Mask | None = None
+) -> _Level:
+    """Both pictures on the face grid reduced by a factor, the image as the matrix has it; only what is trusted."""
     template = _reduced(predicted_l, factor)
     to_image = matrix @ np.diag([float(factor), float(factor), 1.0])
     fired, seen = image.on_grid(to_image, (template.shape[0], template.shape[1]))
+    if trusted is not None:
+        rows, cols = (
+            np.minimum((np.arange(length) + 0.5) * many / length, many - 1).astype(int)
+            for length, many in zip(template.shape, trusted.shape, strict=True)
+        )
+        seen = seen & trusted[np.ix_(rows, cols)]
     weight = seen.astype(np.float32)
     window = 2 * max(3, round(0.5 * _WINDOW * max(template.shape))) + 1
     return _Level(factor, _detail(template, weight, window), _detail(fired, weight, window), seen)
+
+
+def _trusted(predicted_l: Float32Array, image: _Image, matrix: Float64Array, factor: int) -> Mask:
+    """Where a small copy of the image may show the face: not where its L* is far off, as of what lies upon the tile.
+
+    Fired L* follows the predicted one and a second-order surface, of drift and light. Beside edges anything between
+    the two sides may be seen.
+    """
+    template = _reduced(predicted_l, factor)
+    rows, cols = template.shape
+    fired, seen = image.on_grid(matrix @ np.diag([float(factor), float(factor), 1.0]), (rows, cols))
+    if seen.sum() < _LEAST_PIXELS:
+        return seen
+    y, x = np.meshgrid(np.linspace(-1, 1, rows), np.linspace(-1, 1, cols), indexing="ij")
+    columns = np.stack([np.ones_like(x), template, x, y, x * x, x * y, y * y], axis=-1)
+    some = np.flatnonzero(seen)[:: max(1, int(seen.sum()) // _FITTED_PIXELS)]
+    lines, wanted = columns.reshape(-1, 7)[some], fired.reshape(-1)[some]
+    weight = np.ones(len(some))
+    for _ in range(_TRUST_ROUNDS):
+        ridge = 1e-6 * weight.sum() * np.eye(7)
+        solution = np.linalg.solve((lines.T * weight) @ lines + ridge, lines.T @ (weight * wanted))
+        away = np.abs(wanted - lines @ solution)
+        spread = max(_MAD * float(np.median(away)), _LEAST_SPREAD_L)
+        weight = 1.0 / (1.0 + (away / spread) ** 2) ** 2
+    range_l = ndimage.maximum_filter(template, 5) - ndimage.minimum_filter(template, 5)
+    away = np.abs(ndimage.uniform_filter(fired - columns @ solution, 3))
+    other = seen & (away > _FAR_SPREADS * spread + range_l)
+    trusted = ~ndimage.maximum_filter(other, 2 * _HALO + 1)
+    return trusted if (trusted & seen).sum() >= _LEAST_TRUSTED * seen.sum() else np.ones_like(seen)
 
 
 def _voted(predicted_l: Float32Array, image: _Image, matrix: Float64Array, factor: int) -> Float64Array:

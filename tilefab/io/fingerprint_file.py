@@ -42,7 +42,7 @@ def save_fingerprints(path: Path, index: FingerprintIndex, key: str) -> None:
 def load_fingerprints(path: Path, key: str) -> FingerprintIndex | None:
     """Fingerprints from a file; ``None`` if there is none, it is damaged, or depends on something else."""
     try:
-        with np.load(path, allow_pickle=False) as found:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as found:
             arrays = {name: found[name] for name in found.files}
         if bytes(arrays.pop(_KEY)).decode() != key:
             return None

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tilefab.colour.drift import DriftState, no_drift
+from tilefab.colour.drift import DriftState, drifted, no_drift
 from tilefab.colour.drift_evidence import drift_evidence
 from tilefab.config import load_job
 from tilefab.config.line import LineFile
@@ -165,9 +165,11 @@ class RunBench:
         if self._model is None or printed is None or not len(printed.fired_lab):
             return None
         state = replace(self._fresh, mean=expected(control, when.correction))
-        evidence = drift_evidence(
-            self._model, state, printed.ink_frac, printed.fired_lab, printed.noise_lab, share=printed.share
-        )
+        # What a region fires to is the mean of its pixels' colours, which isn't the colour of its mean ink: grain and
+        # edges alone make some ΔE of that. So it is the difference from what was predicted pixel by pixel that counts.
+        of_mean = drifted(self._model, replace(self._fresh, mean=self.begun)).lab(printed.ink_frac)
+        fired = of_mean + (printed.fired_lab - printed.predicted_lab)
+        evidence = drift_evidence(self._model, state, printed.ink_frac, fired, printed.noise_lab, share=printed.share)
         return TileMeasured(
             tile=when.arm_id,
             correction=when.correction,

@@ -22,6 +22,7 @@ from tilefab.io.inspection_store import InspectionStore, pictures_folder
 from tilefab.io.journal import ArmRecord, Journal, RunRecord
 from tilefab.pipeline.inspection.job_facts import JobFacts, job_facts
 from tilefab.pipeline.inspection.pictures import read_picture
+from tilefab.pipeline.inspection.places import store_url
 from tilefab.pipeline.inspection.report_spans import (
     inspector_alarms,
     kiln_zones,
@@ -30,7 +31,6 @@ from tilefab.pipeline.inspection.report_spans import (
     shifts,
     stops,
 )
-from tilefab.pipeline.inspection.service import store_url
 from tilefab.pipeline.progress import Progress
 from tilefab.report.line_build import build_line_report
 from tilefab.report.line_json import line_report_json

@@ -19,7 +19,7 @@ from tilefab.inspection.light import even_light
 from tilefab.inspection.measurement import RegionColours, colour_figures, region_colours
 from tilefab.inspection.recognition import recognise
 from tilefab.inspection.records import Grade, ImageProblem, Recognition, TileDimensions, TileInspection
-from tilefab.inspection.registration import Registration, register, start_matrix, warp_to_face
+from tilefab.inspection.registration import Registration, register, start_matrix, warp_mask_to_face, warp_to_face
 from tilefab.pipeline.inspection.images import CameraImage
 from tilefab.pipeline.inspection.pictures import RgbImage, picture_of
 from tilefab.pipeline.inspection.predicting import PredictedFaces
@@ -134,25 +134,25 @@ class TileInspector:
         """
         size = self.faces.plan.tile_mm
         found = find_tile(image.xyz, size, px_per_mm=image.px_per_mm)
-        recognition = recognise(image.xyz, index, self.faces.lightness, size, px_per_mm=image.px_per_mm, found=found)
+        recognition = recognise(image.xyz, index, self.faces.lightness, size, px_per_mm=image.px_per_mm)
         if recognition.face is None or isinstance(found, ImageProblem):
             return InspectedTile(_not_ours(recognition))
-        dimensions = measure_dimensions(
-            image.xyz, np.asarray(recognition.corners_px), found.mask, size, image.px_per_mm
-        )
+        outline = _outline(found, recognition)
+        dimensions = measure_dimensions(image.xyz, outline, found.mask, size, image.px_per_mm)
         if printed_with is None:
             how = AS_THE_JOB_SAYS
         elif callable(printed_with):
             how = printed_with(recognition.face)
         else:
             how = printed_with.get(recognition.face, AS_THE_JOB_SAYS)
-        return self._measured(image, found, recognition, dimensions, how)
+        return self._measured(image, found, recognition, outline, dimensions, how)
 
     def _measured(
         self,
         image: CameraImage,
         found: FoundTile,
         recognition: Recognition,
+        outline: NDArray[np.float64],
         dimensions: TileDimensions | None,
         how: PrintedWith,
     ) -> InspectedTile:
@@ -170,16 +170,24 @@ class TileInspector:
             reason = f"the tile could not be laid over face {face} (likeness {laid.likeness:.2f}): it is not measured"
             return InspectedTile(TileInspection(recognition, None, dimensions, (), Grade.SCRAP, (reason,)), how.number)
         seen, inside = warp_to_face(image.xyz, laid.matrix, shape)
-        mask, _ = warp_to_face(found.mask.astype(np.float32)[..., np.newaxis], laid.matrix, shape)
-        tile_mask = inside & (mask[..., 0] > 0.5)
-        fired, _ = even_light(printed, seen, tile_mask)
-        regions = region_colours(target, fired, inks, tile_mask, px_per_mm, region_mm=self._region_mm)
+        there, _ = warp_to_face(found.mask.astype(np.float32)[..., np.newaxis], laid.matrix, shape)
+        valid = inside & warp_mask_to_face(found.mask, laid.matrix, shape)
+        fired, _ = even_light(printed, seen, valid)
+        regions = region_colours(target, fired, inks, valid, px_per_mm, region_mm=self._region_mm)
         of_print = regions
         if how.press is not None:
-            of_print = region_colours(printed, fired, inks, tile_mask, px_per_mm, region_mm=self._region_mm)
+            of_print = region_colours(printed, fired, inks, valid, px_per_mm, region_mm=self._region_mm)
         colour = colour_figures(regions)
-        defects = find_defects(_lab(printed), _lab(fired), tile_mask, px_per_mm, tile_mask=tile_mask, inks=inks)
-        shift_mm, turn_deg = _lie(recognition, laid.matrix, shape, px_per_mm)
+        defects = find_defects(
+            _lab(printed),
+            _lab(fired),
+            valid,
+            px_per_mm,
+            tile_mask=there[..., 0] > 0.5,
+            inks=inks,
+            press=self.faces.press_lab,
+        )
+        shift_mm, turn_deg = _lie(outline, laid.matrix, shape, px_per_mm)
         grade, reasons = grade_tile(colour, dimensions, defects, shift_mm, self._tolerances)
         inspection = TileInspection(recognition, colour, dimensions, defects, grade, reasons, shift_mm, turn_deg)
         pictures = TilePictures(picture_of(target, _PICTURE_PX), picture_of(fired, _PICTURE_PX))
@@ -205,11 +213,18 @@ def _px_per_mm(recognition: Recognition, faces: PredictedFaces) -> float:
     return float(sides.sum() / (2.0 * (size.width + size.height)))
 
 
+def _outline(found: FoundTile, recognition: Recognition) -> NDArray[np.float64]:
+    """Corners (4, 2) of the tile itself, in the order of the face's."""
+    face = np.asarray(recognition.corners_px, dtype=np.float64)
+    turned = [np.roll(found.corners_px, -turns, axis=0) for turns in range(4)]
+    return min(turned, key=lambda corners: float(np.linalg.norm(corners - face)))
+
+
 def _lie(
-    recognition: Recognition, matrix: NDArray[np.float64], shape: tuple[int, ...], px_per_mm: float
+    outline: NDArray[np.float64], matrix: NDArray[np.float64], shape: tuple[int, ...], px_per_mm: float
 ) -> tuple[tuple[float, float], float]:
     """How far the print lies off the tile's middle (mm), and how far it is turned (degrees, clockwise)."""
-    corners = np.column_stack([np.asarray(recognition.corners_px, dtype=np.float64), np.ones(4)])
+    corners = np.column_stack([outline, np.ones(4)])
     back = corners @ np.linalg.inv(matrix).T
     tile = back[:, :2] / back[:, 2:]
     rows, cols = shape[:2]

@@ -10,7 +10,7 @@ from tilefab.inspection.records import Grade
 from tilefab.io.inspection_records import InspectionRecord
 from tilefab.io.inspection_store import InspectionStore
 from tilefab.io.journal import Journal
-from tilefab.pipeline.inspection.service import store_url
+from tilefab.pipeline.inspection.places import store_url
 
 
 @dataclass(frozen=True)

@@ -52,6 +52,7 @@ class PredictedFaces:
     def __init__(self, plan: Plan, maps: JobMaps, threads: int = 1) -> None:
         self.plan, self.maps, self._threads = plan, maps, threads
         self._fired: OrderedDict[TextureMap, TextureMap] = OrderedDict()
+        self._table: tuple[Callable[..., NDArray[np.uint16]], NDArray[np.float64]] | None = None
 
     @property
     def print_px_per_mm(self) -> float:
@@ -134,6 +135,15 @@ class PredictedFaces:
         """Inks of a face, (rows, cols, inks) float32, 0 to 1, from the job's press map or that of a correction."""
         chosen = self.maps.press if press is None else press
         return self._means(chosen, face, factor) * np.float32(1.0 / np.iinfo(chosen.base.dtype).max)
+
+    def press_lab(self, ink_frac: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Absolute Lab (P, 3) that inks (P, N), 0 to 1, fire to on the press as the job knows it."""
+        if self._table is None:
+            self._table = fired_colours(self.plan, np.uint16)
+        convert, white_lab = self._table
+        counts = np.rint(np.clip(ink_frac, 0.0, 1.0) * 65535.0).astype(np.uint16)
+        lab = decode_lab16(convert(np.ascontiguousarray(counts[np.newaxis]), threads=self._threads))[0]
+        return absolute_lab(lab, white_lab)
 
     @cached_property
     def _colours(self) -> tuple[Callable[..., NDArray[np.uint16]], NDArray[np.float64]]:

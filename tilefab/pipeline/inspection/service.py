@@ -18,7 +18,7 @@ from tilefab.errors import ConfigError, OutputError
 from tilefab.io.atomic import make_folder
 from tilefab.io.icc import read_icc_profile
 from tilefab.io.inspection_store import InspectionStore, pictures_folder
-from tilefab.io.journal import Journal, sqlite_url
+from tilefab.io.journal import Journal
 from tilefab.pipeline.inspection.alarm_desk import AlarmDesk
 from tilefab.pipeline.inspection.benches import Benches, RunBench
 from tilefab.pipeline.inspection.correcting import control_settings
@@ -29,27 +29,13 @@ from tilefab.pipeline.inspection.kept import KeptPictures
 from tilefab.pipeline.inspection.line_journal import LineJournal
 from tilefab.pipeline.inspection.loop import ColourLoop, LoopSettings
 from tilefab.pipeline.inspection.messages import Daemon, Messages
+from tilefab.pipeline.inspection.places import inspection_log_path, store_url
 from tilefab.pipeline.inspection.watching import CameraFolder
 from tilefab.pipeline.line.log import LineLog
-
-STORE_FILE = "inspection.db"
-LOG_FILE = "inspection.log"
 
 _POLL_S = 0.5
 _NICE = 5
 """Behind the line's daemon, which moves tiles."""
-
-
-def store_url(line_file: LineFile) -> str:
-    """Where a line's inspections are kept: beside its journal."""
-    if line_file.journal_url.startswith("postgresql"):
-        return line_file.journal_url
-    return sqlite_url(line_file.state_directory / STORE_FILE)
-
-
-def inspection_log_path(line_file: LineFile) -> Path:
-    """File of the inspector's log."""
-    return line_file.state_directory / LOG_FILE
 
 
 def serve_inspection(line_path: Path, daemon_of: Callable[[LineFile], Daemon]) -> None:

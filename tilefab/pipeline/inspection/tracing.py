@@ -17,7 +17,7 @@ from tilefab.io.journal import Journal, PrintRecord
 from tilefab.io.manifest import Manifest
 from tilefab.pipeline.faces import check_face_record, face_code, print_tags, render_face
 from tilefab.pipeline.inspection.job_prints import JobPrints
-from tilefab.pipeline.inspection.service import store_url
+from tilefab.pipeline.inspection.places import store_url
 from tilefab.pipeline.maps import JobMaps
 from tilefab.pipeline.plan import Plan
 from tilefab.types import Array

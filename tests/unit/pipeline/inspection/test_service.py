@@ -14,7 +14,8 @@ from tilefab.errors import ConfigError, JournalError
 from tilefab.io.inspection_store import InspectionStore
 from tilefab.pipeline.inspection import service
 from tilefab.pipeline.inspection.inspector import Inspector
-from tilefab.pipeline.inspection.service import inspection_log_path, open_inspector, serve_inspection, store_url
+from tilefab.pipeline.inspection.places import inspection_log_path, store_url
+from tilefab.pipeline.inspection.service import open_inspector, serve_inspection
 
 LINE = """\
 schema_version = 1

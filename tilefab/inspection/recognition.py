@@ -1,0 +1,209 @@
+"""Which face a fired tile shows, or that it shows none of those looked among.
+
+The tile is found in the image and brought to the cells of the fingerprints, turned every way it can lie. The faces
+whose fingerprints differ least are rendered small and compared with the image place by place. A face is believed if
+what of the tile can be compared is that face nearly everywhere, and isn't the next best face as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tilefab.inspection.finding import FoundTile, find_tile
+from tilefab.inspection.fingerprint import FaceView, FingerprintIndex, code_bits
+from tilefab.inspection.records import ImageProblem, Recognition
+from tilefab.inspection.verification import COMPARED_PX, Comparison, compare
+from tilefab.inspection.views import Plane, cells_of_image, face_corners, matrix_of
+from tilefab.types import FloatImage, SizeMm, SizePx
+
+Float64Array = NDArray[np.float64]
+
+PROBLEM_WORDS = {
+    ImageProblem.BLACK: "the image is black: see to the light, the camera's cap and its exposure",
+    ImageProblem.BLOWN_OUT: "the image is blown out: lower the exposure",
+    ImageProblem.TORN: "rows or columns of the image are missing: see to the camera's cable and its transfer",
+    ImageProblem.NO_TILE: "no tile is to be seen, or too little of one",
+    ImageProblem.TWO_TILES: "more than one tile is to be seen: trigger the camera for each tile",
+    ImageProblem.WRONG_SIZE: "what is to be seen isn't of this job's size",
+}
+"""What each problem of an image means and what to do."""
+
+_NEARLY_SQUARE = 0.05
+_TRIED_SCALES = (1.0, 0.987, 1.013)
+_UNIT = SizePx(1, 1)
+
+
+@dataclass(frozen=True)
+class RecognitionSettings:
+    """What it takes to believe a face.
+
+    Attributes
+    ----------
+    candidates
+        How many faces at most are rendered and compared.
+    least_seen
+        Share of the face that must be seen, and not be covered.
+    least_compared
+        Share of the face that must show enough stone to be compared.
+    least_likeness
+        Correlation over that.
+    most_differing
+        Share of that which may differ.
+    least_apart
+        Share of the face by which the next best face must differ more.
+    """
+
+    candidates: int = 4
+    least_seen: float = 0.25
+    least_compared: float = 0.08
+    least_likeness: float = 0.75
+    most_differing: float = 0.12
+    least_apart: float = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    """A face that the tile may show, and how: share of bits that differ, face, quarter turns, corners of the face."""
+
+    share: float
+    face: int
+    quarter_turns: int
+    corners_px: Float64Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Match:
+    candidate: _Candidate
+    found: Comparison
+
+
+def recognise(
+    xyz: FloatImage,
+    index: FingerprintIndex,
+    view: FaceView,
+    size_mm: SizeMm,
+    *,
+    px_per_mm: float | None = None,
+    settings: RecognitionSettings | None = None,
+) -> Recognition:
+    """Recognise a tile in an image.
+
+    Parameters
+    ----------
+    xyz
+        float32 (rows, cols, 3), linear XYZ D50, 1 = the perfect white.
+    index
+        Fingerprints of the faces it can be; see `tilefab.inspection.fingerprint.fingerprints`.
+    view
+        Renders faces; some few are rendered.
+    size_mm
+        Size of the finished tile.
+    px_per_mm
+        Resolution of the image, if the camera is calibrated.
+    settings
+        What it takes to believe a face.
+
+    Returns
+    -------
+    Recognition
+        Its ``corners_px`` are of the face as it was found to lie if there is one, else of the tile's outline.
+
+    Raises
+    ------
+    ValueError
+        If the image isn't (rows, cols, 3), or a size isn't positive.
+    """
+    settings = settings or RecognitionSettings()
+    tile = find_tile(xyz, size_mm, px_per_mm=px_per_mm)
+    if isinstance(tile, ImageProblem):
+        return Recognition(None, 0, (), 1.0, 0.0, 0.0, 0.0, tile, PROBLEM_WORDS[tile])
+    light = np.ascontiguousarray(xyz[:, :, 1])
+    candidates = _candidates(light, tile, index, size_mm, settings.candidates)
+    matches = _compared(light, tile, candidates, view)
+    return _judged(tile, matches, settings)
+
+
+def _turns(tile: FoundTile, size_mm: SizeMm) -> tuple[int, ...]:
+    """Quarter turns that the outline leaves possible."""
+    if abs(size_mm.width / size_mm.height - 1.0) < _NEARLY_SQUARE:
+        return (0, 1, 2, 3)
+    return (1, 3) if tile.across else (0, 2)
+
+
+def _candidates(
+    light: Plane, tile: FoundTile, index: FingerprintIndex, size_mm: SizeMm, count: int
+) -> list[_Candidate]:
+    """The faces whose fingerprints differ least from the tile, least first, each as it fits best."""
+    if len(index) == 0:
+        return []
+    scales = (1.0,) if tile.measured else _TRIED_SCALES
+    ways = [(turns, face_corners(tile.scaled(scale), turns)) for scale in scales for turns in _turns(tile, size_mm)]
+    coded = [
+        code_bits(cells_of_image(light, tile.mask, matrix_of(corners, index.grid), index.grid)) for _, corners in ways
+    ]
+    known = np.stack([mask for _, mask in coded])
+    counts = known.sum(axis=(1, 2))
+    if counts.min() == 0:
+        return []
+    shares = index.differing(np.stack([bits for bits, _ in coded]), known) / counts[:, np.newaxis]
+    best: dict[int, _Candidate] = {}
+    for (turns, corners), row in zip(ways, shares, strict=True):
+        for place in np.argpartition(row, min(count, len(row)) - 1)[:count]:
+            face, share = int(index.faces[place]), float(row[place])
+            if face not in best or share < best[face].share:
+                best[face] = _Candidate(share, face, turns, corners)
+    return sorted(best.values(), key=lambda candidate: (candidate.share, candidate.face))[:count]
+
+
+def _compared(light: Plane, tile: FoundTile, candidates: list[_Candidate], view: FaceView) -> list[_Match]:
+    """Candidates compared with the image, the best first."""
+    out = []
+    for candidate in candidates:
+        matrix = matrix_of(candidate.corners_px, _UNIT)
+        out.append(_Match(candidate, compare(light, tile.mask, matrix, view(candidate.face, COMPARED_PX))))
+    return sorted(out, key=lambda match: -match.found.likeness)
+
+
+def _judged(tile: FoundTile, matches: list[_Match], settings: RecognitionSettings) -> Recognition:
+    outline = tuple((float(x), float(y)) for x, y in tile.corners_px)
+    if not matches:
+        return Recognition(None, 0, outline, 1.0, 0.0, 0.0, tile.visible, None, "there are no faces to look among")
+    best = matches[0]
+    likeness, runner_up = best.found.likeness, matches[1].found.likeness if len(matches) > 1 else 0.0
+    doubt = _doubt(best.found, matches[1].found if len(matches) > 1 else None, settings)
+    if doubt is not None:
+        sure = float(np.clip((best.found.differs - settings.most_differing) / 0.3, 0.0, 1.0))
+        return Recognition(None, 0, outline, sure, likeness, runner_up, tile.visible, None, doubt)
+    square = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 1.0], [0.0, 1.0, 1.0]]) @ best.found.matrix.T
+    corners = tuple((float(x / depth), float(y / depth)) for x, y, depth in square)
+    sure = float(np.clip(1.0 - best.found.differs / settings.most_differing, 0.0, 1.0))
+    return Recognition(
+        best.candidate.face,
+        best.candidate.quarter_turns,
+        corners,
+        sure,
+        likeness,
+        runner_up,
+        tile.visible,
+        None,
+        "",
+    )
+
+
+def _doubt(best: Comparison, second: Comparison | None, settings: RecognitionSettings) -> str | None:
+    """Why the best face isn't to be believed; None if it is."""
+    if best.seen < settings.least_seen or best.share < settings.least_compared:
+        return f"only {100 * min(best.seen, best.share):.0f} % of the tile can be compared with the faces"
+    if best.differs > settings.most_differing or best.likeness < settings.least_likeness:
+        return (
+            f"none of these faces: the nearest differs in {100 * best.differs:.0f} % of what is to be seen "
+            f"(likeness {best.likeness:.2f})"
+        )
+    if second is not None:
+        apart = float((best.alike & best.compared & ~second.alike).mean())
+        if apart < settings.least_apart:
+            return "two faces look the same in what is to be seen of the tile"
+    return None
