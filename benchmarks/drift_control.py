@@ -111,7 +111,9 @@ TROUBLES = (
     Trouble("delay 75 minutes", delay=lambda minutes, _: np.full(len(minutes), 75)),
     Trouble("delay swinging between 35 and 75 minutes", delay=_swinging),
     Trouble("delay of each tile at random 35 to 75 minutes", delay=_random),
-    Trouble("swinging delay, late, missing, outliers", missing=0.3, wrong=0.02, late=0.2, delay=_swinging),
+    Trouble(
+        "swinging delay, late, missing, outliers at once", None, missing=0.3, wrong=0.02, late=0.2, delay=_swinging
+    ),
     Trouble("noise told half as large as it is", told_noise=0.5),
     Trouble("noise told twice as large as it is", told_noise=2.0),
     Trouble("the same as none, a correction every 10 minutes", interval_s=600.0),

@@ -34,7 +34,7 @@ class ShapeLimits:
 
     line_length_mm: float = 2.0
     line_slimness: float = 4.0
-    pinhole_mm: float = 0.42
+    pinhole_mm: float = 0.56
     chip_contrast: float = 5.0
     chip_mm2: float = 0.6
 

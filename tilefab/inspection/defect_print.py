@@ -41,6 +41,9 @@ class PrintLimits:
         Share of an ink's effect on colour that must be gone.
     missing_contrast
         Least mean effect that an ink must have on the face, CIELAB units, to be missed.
+    missing_explained, missing_alone_contrast
+        Where an ink's effect can't be told from the others': share of the whole difference that it must explain, and
+        its least mean effect, above any drift's.
     shift_mm
         Least shift of an ink against the others.
     shift_gain
@@ -55,6 +58,8 @@ class PrintLimits:
 
     missing_share: float = 0.75
     missing_contrast: float = 1.5
+    missing_explained: float = 0.8
+    missing_alone_contrast: float = 5.0
     shift_mm: float = 0.12
     shift_gain: float = 0.15
     ghost_share: float = 0.06
@@ -121,7 +126,7 @@ def print_defects(
     if small.inks is not None and press is not None:
         missing = _missing_ink(small, small.inks, press, limits)
         if missing is not None:
-            return (everywhere(DefectKind.MISSING_INK, missing[1], missing[0] / limits.missing_share, 1.0),)
+            return (everywhere(DefectKind.MISSING_INK, missing[1], missing[1] / limits.missing_contrast, 1.0),)
     ghost = _second_print(small, limits)
     if ghost is not None:
         share, delta_e = ghost
@@ -186,7 +191,7 @@ def _fitted(design: Float64Array, wanted: Float64Array, prior: Float64Array) -> 
 def _missing_ink(
     small: _Small, inks: Float64Array, press: PressColours, limits: PrintLimits
 ) -> tuple[float, float] | None:
-    """Share that is missing of an ink, and mean CIEDE2000 that it makes; None if all are there.
+    """Share of the difference that a missing ink explains, and mean CIEDE2000 that it makes; None if all are there.
 
     All inks' strengths are fitted at once, so that a firing that fades several isn't taken for one that is missing.
     """
@@ -210,14 +215,17 @@ def _missing_ink(
     prior = np.r_[np.full(count, 1.0 / _LOOSE_SHARE**2), np.full(3, 1.0 / 3.0**2), np.full(places.shape[1], 1e-2)]
     shares = _fitted(design, difference, prior)
     best: tuple[float, float] | None = None
+    power = (difference**2).sum()
     for ink, effect in enumerate(effects):
         size = float(np.sqrt((effect**2).sum(axis=1)).mean())
-        if size < limits.missing_contrast or shares[ink] < limits.missing_share:
+        if size < limits.missing_contrast:
             continue
-        near = np.sqrt(((difference - effect) ** 2).sum(axis=1)).mean()
-        far = np.sqrt((difference**2).sum(axis=1)).mean()
-        if near < far and (best is None or shares[ink] > best[0]):
-            best = float(shares[ink]), float(delta_e_2000(predicted, predicted + effect).mean())
+        # On a stone of one hue all inks go together, and only the whole difference tells which is missing.
+        explained = 1.0 - float(((difference - effect) ** 2).sum() / max(power, 1e-9))
+        alone = explained >= limits.missing_explained and size >= limits.missing_alone_contrast
+        apart = shares[ink] >= limits.missing_share and explained > 0.0
+        if (alone or apart) and (best is None or explained > best[0]):
+            best = explained, float(delta_e_2000(predicted, predicted + effect).mean())
     return best
 
 

@@ -7,6 +7,7 @@ any other search are found.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,7 +48,7 @@ class ProfileSettings:
     band_widths_mm: tuple[float, ...] = (0.2, 0.5, 1.0, 2.0, 4.0, 8.0)
     line_sigmas: float = 8.0
     band_sigmas: float = 8.0
-    least_line_contrast: float = 0.5
+    least_line_contrast: float = 0.3
     least_band_contrast: float = 0.5
     least_share: float = 0.5
 
@@ -75,6 +76,8 @@ def stripes_of(
     least_contrast: float,
     least_share: float,
     inks: FloatImage | None = None,
+    *,
+    rare: bool = True,
 ) -> tuple[Stripe, ...]:
     """Columns that differ from their neighbours all along; for bands, images are handed over transposed.
 
@@ -92,6 +95,8 @@ def stripes_of(
         See `ProfileSettings`.
     inks
         (rows, cols, N) ink fractions, where it may be one ink's stripe.
+    rare
+        Whether stripes must also stand out of the other columns: single lines do, bands all over a tile don't.
 
     Returns
     -------
@@ -102,19 +107,21 @@ def stripes_of(
     parts = max(min(_PARTS, rows // _LEAST_PART_PX), 1)
     edges = np.linspace(0, rows, parts + 1).astype(np.int64)
     noise = np.add.reduceat(whitened * share[..., np.newaxis], edges[:-1], axis=0).astype(np.float64)
-    colour = np.add.reduceat(values * share[..., np.newaxis], edges[:-1], axis=0).astype(np.float64)
+    colour = (values * weight[..., np.newaxis]).sum(axis=0, dtype=np.float64)
     counts = np.add.reduceat(weight, edges[:-1], axis=0).astype(np.float64)
     found: list[Stripe] = []
     for width in widths_px:
         whole = _against_neighbours(noise.sum(axis=0), counts.sum(axis=0), width)
-        strength, white = _in_sigmas(whole)
-        lab = _against_neighbours(colour.sum(axis=0), counts.sum(axis=0), width)
+        pieces = np.stack([_against_neighbours(*part, width) for part in zip(noise, counts, strict=True)])
+        strength = _in_error(whole, pieces)
+        if rare:
+            strength = np.minimum(strength, _among_others(whole))
+        lab = _against_neighbours(colour, counts.sum(axis=0), width)
         size = np.sqrt((lab**2).sum(axis=1))
         peaks = (strength == ndimage.maximum_filter1d(strength, 2 * width + 1)) & (strength >= sigmas)
         for middle in np.flatnonzero(peaks & (size >= least_contrast)):
-            direction = white.T @ (white @ whole[middle])
             first = int(middle) - width // 2
-            shown = _parts_shown(noise, counts, width, int(middle), direction)
+            shown = _parts_shown(pieces, whole[middle], int(middle))
             if _all_along(shown, least_share, inks, edges, first, width):
                 one, two, three = (float(value) for value in lab[middle])
                 found.append(Stripe(first, width, (one, two, three), float(strength[middle])))
@@ -151,32 +158,35 @@ def _against_neighbours(sums: Float64Array, counts: Float64Array, width: int) ->
     return np.where(known[:, np.newaxis], means, 0.0)
 
 
-def _in_sigmas(means: Float64Array) -> tuple[Float64Array, Float64Array]:
-    """Lengths (cols,) of means in units of their own robust spread over columns, and the matrix that whitens them."""
+def _in_error(means: Float64Array, pieces: Float64Array) -> Float64Array:
+    """Lengths (cols,) of means in units of their error, which the scatter of their pieces (parts, cols, 3) tells."""
+    known = np.any(pieces != 0.0, axis=(0, 2))
+    if not known.any():
+        return np.zeros(len(means))
+    scatter = np.median(pieces[:, known].std(axis=0), axis=0) / math.sqrt(len(pieces))
+    return np.asarray(np.sqrt(((means / np.maximum(scatter, 1e-9)) ** 2).sum(axis=1)), dtype=np.float64)
+
+
+def _among_others(means: Float64Array) -> Float64Array:
+    """Lengths (cols,) of means in units of their robust spread over all columns."""
     known = means[np.any(means != 0.0, axis=1)]
     if len(known) < 10:
-        return np.zeros(len(means)), np.eye(3)
+        return np.zeros(len(means))
     sizes = np.maximum(_MAD * np.median(np.abs(known), axis=0), 1e-6)
     kept = known[(np.abs(known) < 4.0 * sizes).all(axis=1)] / sizes
     covariance = kept.T @ kept / max(len(kept), 1) + 0.05 * np.eye(3)
     spread, axes = np.linalg.eigh(covariance)
     white = (axes / np.sqrt(spread)).T / sizes
-    lengths = np.sqrt(((known @ white.T) ** 2).sum(axis=1))
-    white = white * (_CHI3_MEDIAN / max(float(np.median(lengths)), 1e-9))
-    return np.sqrt(((means @ white.T) ** 2).sum(axis=1)), white
+    usual = np.median(np.sqrt(((known @ white.T) ** 2).sum(axis=1))) / _CHI3_MEDIAN
+    return np.asarray(np.sqrt(((means @ white.T) ** 2).sum(axis=1)) / max(float(usual), 1e-9), dtype=np.float64)
 
 
-def _parts_shown(
-    noise: Float64Array, counts: Float64Array, width: int, middle: int, direction: Float64Array
-) -> Float64Array:
-    """How strongly each part (parts,) of a column shows it, in units of the same over other columns; NaN: not known."""
-    out = np.full(len(noise), np.nan)
-    for part in range(len(noise)):
-        along = _against_neighbours(noise[part], counts[part], width) @ direction
-        known = along != 0.0
-        if known[middle] and known.sum() >= 10:
-            out[part] = along[middle] / max(_MAD * float(np.median(np.abs(along[known]))), 1e-9)
-    return out
+def _parts_shown(pieces: Float64Array, mean: Float64Array, middle: int) -> Float64Array:
+    """How strongly each part (parts,) of a column shows what its mean (3,) is, in units of noise; NaN: not known."""
+    along = pieces @ (mean / np.linalg.norm(mean))
+    known = np.any(pieces != 0.0, axis=(0, 2))
+    noise = max(float(np.median(along[:, known].std(axis=0))), 1e-9)
+    return np.where(np.any(pieces[:, middle] != 0.0, axis=1), along[:, middle] / noise, np.nan)
 
 
 def _all_along(

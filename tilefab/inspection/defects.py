@@ -8,7 +8,7 @@ out of register, a second print) are searched for by `tilefab.inspection.defect_
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import ndimage
@@ -169,15 +169,34 @@ def _stripes(rest: Residual, px_per_mm: float, inks: FloatImage | None, settings
         limits.band_sigmas,
         limits.least_band_contrast,
         limits.least_share,
+        rare=False,
     )
     found = []
     for line in lines:
         part = (slice(None), slice(max(line.first, 0), line.first + line.width))
         found.append(_stripe(rest, part, DefectKind.NOZZLE_LINE, line, limits.line_sigmas, px_per_mm, settings))
-    for band in bands:
-        part = (slice(max(band.first, 0), band.first + band.width), slice(None))
-        found.append(_stripe(rest, part, DefectKind.BANDING, band, limits.band_sigmas, px_per_mm, settings))
+    if bands:
+        # However many bands a tile has, they are one fault.
+        each = []
+        for band in bands:
+            part = (slice(max(band.first, 0), band.first + band.width), slice(None))
+            each.append(_stripe(rest, part, DefectKind.BANDING, band, limits.band_sigmas, px_per_mm, settings))
+        found.append(_together(each))
     return found
+
+
+def _together(bands: list[Defect]) -> Defect:
+    """Bands as one defect: as strong as the strongest, in the box around all."""
+    worst = max(bands, key=lambda band: band.delta_e)
+    top = min(band.y_mm - band.height_mm / 2.0 for band in bands)
+    bottom = max(band.y_mm + band.height_mm / 2.0 for band in bands)
+    return replace(
+        worst,
+        y_mm=(top + bottom) / 2.0,
+        height_mm=bottom - top,
+        area_mm2=sum(band.area_mm2 for band in bands),
+        severity=max(band.severity for band in bands),
+    )
 
 
 def _in_pixels(widths_mm: tuple[float, ...], px_per_mm: float) -> tuple[int, ...]:
@@ -225,6 +244,8 @@ def _patches(rest: Residual, stripes: list[Defect], px_per_mm: float, settings: 
     """Blobs and thin lines, but for what is found as a stripe."""
     rows, cols = rest.weight.shape
     level, weight, likes = rest.fine, rest.weight, rest.likes
+    if any(stripe.kind is DefectKind.BANDING for stripe in stripes):
+        level = _less_rows(level, weight)
     strength = np.zeros((rows, cols), dtype=np.float32)
     size = 1
     while size / px_per_mm <= settings.largest_px_mm and min(weight.shape) > 4 * _OUTER:
@@ -242,14 +263,19 @@ def _patches(rest: Residual, stripes: list[Defect], px_per_mm: float, settings: 
         likes = halved(likes)
         size *= 2
     for stripe in stripes:
-        middle, width = (
-            (stripe.y_mm, stripe.height_mm) if stripe.kind is DefectKind.BANDING else (stripe.x_mm, stripe.width_mm)
-        )
-        reach_mm = width / 2.0 + _STRIPE_BLUR_MM
-        near = slice(max(round((middle - reach_mm) * px_per_mm), 0), round((middle + reach_mm) * px_per_mm) + 1)
-        strength[near if stripe.kind is DefectKind.BANDING else (slice(None), near)] = 0.0
+        if stripe.kind is DefectKind.NOZZLE_LINE:
+            reach_mm = stripe.width_mm / 2.0 + _STRIPE_BLUR_MM
+            left, right = (round((stripe.x_mm + side * reach_mm) * px_per_mm) for side in (-1, 1))
+            strength[:, max(left, 0) : right + 1] = 0.0
     marked = strength > 0.0
     return _as_defects(marked, strength, rest, px_per_mm, settings)
+
+
+def _less_rows(values: FloatImage, weight: FloatImage) -> FloatImage:
+    """A residual less the mean of each row."""
+    counts = np.maximum(weight.sum(axis=1), 1.0)
+    means = np.einsum("rck,rc->rk", values, weight) / counts[:, np.newaxis]
+    return np.asarray((values - means[:, np.newaxis]) * weight[..., np.newaxis], dtype=np.float32)
 
 
 def _connected(share: FloatImage) -> Mask:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tilefab.inspection.finding import FoundTile, find_tile
 from tilefab.inspection.fingerprint import FaceView, FingerprintIndex, code_bits
 from tilefab.inspection.records import ImageProblem, Recognition
-from tilefab.inspection.verification import COMPARED_PX, Comparison, compare
+from tilefab.inspection.verification import COMPARED_PX, Comparison, compare, difference_of_faces
 from tilefab.inspection.views import Plane, cells_of_image, face_corners, matrix_of
 from tilefab.types import FloatImage, SizeMm, SizePx
 
@@ -34,6 +34,12 @@ PROBLEM_WORDS = {
 _NEARLY_SQUARE = 0.05
 _TRIED_SCALES = (1.0, 0.987, 1.013)
 _UNIT = SizePx(1, 1)
+_SURELY_ALIKE = 0.7
+_FAR_SHARE = 0.1
+_ALWAYS_BORNE = 0.02
+# A face turned clockwise once more lies with its (x, y) where (1 - y, x) of the face lay.
+_TURN = np.array([[0.0, -1.0, 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+_TURNED = tuple(np.linalg.matrix_power(_TURN, turns) for turns in range(4))
 
 
 @dataclass(frozen=True)
@@ -50,17 +56,19 @@ class RecognitionSettings:
         Share of the face that must show enough stone to be compared.
     least_likeness
         Correlation over that.
-    most_differing
-        Share of that which may differ.
+    most_differing, of_apartness
+        Share of that which may differ: at most the first, and at most the second of what the next best face differs in
+        from the best, so that more is asked for where the faces of a job share much.
     least_apart
         Share of the face by which the next best face must differ more.
     """
 
-    candidates: int = 4
+    candidates: int = 3
     least_seen: float = 0.25
     least_compared: float = 0.08
-    least_likeness: float = 0.75
-    most_differing: float = 0.12
+    least_likeness: float = 0.6
+    most_differing: float = 0.2
+    of_apartness: float = 0.3
     least_apart: float = 0.01
 
 
@@ -77,6 +85,7 @@ class _Candidate:
 @dataclass(frozen=True, eq=False)
 class _Match:
     candidate: _Candidate
+    view: Plane
     found: Comparison
 
 
@@ -160,10 +169,20 @@ def _candidates(
 
 def _compared(light: Plane, tile: FoundTile, candidates: list[_Candidate], view: FaceView) -> list[_Match]:
     """Candidates compared with the image, the best first."""
-    out = []
+    out: list[_Match] = []
     for candidate in candidates:
-        matrix = matrix_of(candidate.corners_px, _UNIT)
-        out.append(_Match(candidate, compare(light, tile.mask, matrix, view(candidate.face, COMPARED_PX))))
+        small = view(candidate.face, COMPARED_PX)
+        best = max(out, key=lambda match: match.found.likeness, default=None)
+        if best is not None and best.found.likeness > _SURELY_ALIKE:
+            if len(out) > 1 and candidate.share > best.candidate.share + _FAR_SHARE:
+                break
+            # However it is printed, the tile lies as it does.
+            turns = (candidate.quarter_turns - best.candidate.quarter_turns) % 4
+            matrix = best.found.matrix @ _TURNED[turns]
+            out.append(_Match(candidate, small, compare(light, tile.mask, matrix, small, lies_there=True)))
+        else:
+            matrix = matrix_of(candidate.corners_px, _UNIT)
+            out.append(_Match(candidate, small, compare(light, tile.mask, matrix, small)))
     return sorted(out, key=lambda match: -match.found.likeness)
 
 
@@ -171,15 +190,20 @@ def _judged(tile: FoundTile, matches: list[_Match], settings: RecognitionSetting
     outline = tuple((float(x), float(y)) for x, y in tile.corners_px)
     if not matches:
         return Recognition(None, 0, outline, 1.0, 0.0, 0.0, tile.visible, None, "there are no faces to look among")
-    best = matches[0]
-    likeness, runner_up = best.found.likeness, matches[1].found.likeness if len(matches) > 1 else 0.0
-    doubt = _doubt(best.found, matches[1].found if len(matches) > 1 else None, settings)
+    best, second = matches[0], matches[1] if len(matches) > 1 else None
+    runner_up = second.found.likeness if second is not None else 0.0
+    most = settings.most_differing
+    if second is not None:
+        apart = difference_of_faces(best.view, second.view, best.found.compared)
+        most = min(most, max(_ALWAYS_BORNE, settings.of_apartness * apart))
+    likeness = best.found.likeness
+    doubt = _doubt(best.found, second.found if second is not None else None, most, settings)
     if doubt is not None:
-        sure = float(np.clip((best.found.differs - settings.most_differing) / 0.3, 0.0, 1.0))
+        sure = float(np.clip((best.found.differs - most) / 0.3, 0.0, 1.0))
         return Recognition(None, 0, outline, sure, likeness, runner_up, tile.visible, None, doubt)
     square = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 1.0], [0.0, 1.0, 1.0]]) @ best.found.matrix.T
     corners = tuple((float(x / depth), float(y / depth)) for x, y, depth in square)
-    sure = float(np.clip(1.0 - best.found.differs / settings.most_differing, 0.0, 1.0))
+    sure = float(np.clip(1.0 - best.found.differs / most, 0.0, 1.0))
     return Recognition(
         best.candidate.face,
         best.candidate.quarter_turns,
@@ -193,11 +217,11 @@ def _judged(tile: FoundTile, matches: list[_Match], settings: RecognitionSetting
     )
 
 
-def _doubt(best: Comparison, second: Comparison | None, settings: RecognitionSettings) -> str | None:
+def _doubt(best: Comparison, second: Comparison | None, most: float, settings: RecognitionSettings) -> str | None:
     """Why the best face isn't to be believed; None if it is."""
     if best.seen < settings.least_seen or best.share < settings.least_compared:
         return f"only {100 * min(best.seen, best.share):.0f} % of the tile can be compared with the faces"
-    if best.differs > settings.most_differing or best.likeness < settings.least_likeness:
+    if best.differs > most or best.likeness < settings.least_likeness:
         return (
             f"none of these faces: the nearest differs in {100 * best.differs:.0f} % of what is to be seen "
             f"(likeness {best.likeness:.2f})"

@@ -12,12 +12,27 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from tilefab.chart.finding import fit_homography, project
-from tilefab.inspection.registration_kernels import PARAMETERS, resample, step_sums
+from tilefab.inspection.registration_kernels import PARAMETERS, step_sums
+from tilefab.inspection.registration_levels import (
+    CORRELATED,
+    LEAST_PIXELS,
+    MAD,
+    ImageSizes,
+    Level,
+    alike,
+    gain_of,
+    level_of,
+    shown_px,
+    trusted_px,
+    worn_px,
+)
 from tilefab.inspection.registration_shifts import block_shifts
-from tilefab.types import FloatImage, Mask
+from tilefab.inspection.warping import check_matrix, scale_of, warp_mask_to_face, warp_to_face
+from tilefab.types import Mask
+
+__all__ = ["Registration", "register", "start_matrix", "warp_mask_to_face", "warp_to_face"]
 
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -25,25 +40,16 @@ Float64Array = NDArray[np.float64]
 _FINEST_PX, _COARSEST_PX, _VOTING_PX = 640, 80, 256
 _LEAST_SIDE_PX = 16
 _REACH = 0.06
-_VOTES = 3
 _SETTLED_VOTE_PX = 0.3
 _BLOCK_APART_PX = (5.0, 3.0, 2.0)
-_WINDOW = 1.0 / 6.0
 _STEPS = 12
 _SETTLED_PX = 0.004
 _MOST_STEP_PX = 3.0
 _BIWEIGHT = 4.685
-_MAD = 1.4826
 _EDGE_BLUR_PX = 1.5
-_LEAST_PIXELS = 200
 _MOST_DOUBT_PX = (0.15, 0.4)
-_CORRELATED = 3.0
 _LEAST_LIKENESS = 0.1
 _ALIKE_DOUBT = 0.02
-_FITTED_PIXELS, _TRUST_ROUNDS, _LEAST_SPREAD_L, _FAR_SPREADS = 6000, 8, 0.3, 4.0
-_HALO, _LEAST_TRUSTED = 2, 0.3
-_CLIP = 5.0
-_BLURRED_PX = 2
 _GRID = np.stack(np.meshgrid(np.linspace(0.1, 0.9, 5), np.linspace(0.1, 0.9, 5)), axis=-1).reshape(-1, 2)
 
 
@@ -69,34 +75,6 @@ class Registration:
     likeness: float
     converged: bool
     rms_step_px: float
-
-
-class _Image:
-    """L* and mask of an image, and means over squares of it as they are needed."""
-
-    def __init__(self, fired_l: Float32Array, good: Mask) -> None:
-        self._sizes = {1: np.stack([np.where(good, fired_l, 0.0), good], axis=-1).astype(np.float32)}
-
-    def on_grid(self, matrix: Float64Array, shape: tuple[int, int]) -> tuple[Float32Array, Mask]:
-        """L* on a grid, and where it is good; 0 elsewhere."""
-        square = max(1, math.floor(_scale(matrix, shape) + 0.5))
-        if square not in self._sizes:
-            planes = [_reduced(np.ascontiguousarray(self._sizes[1][:, :, k]), square) for k in (0, 1)]
-            self._sizes[square] = np.stack(planes, axis=-1)
-        shrink = np.diag([1.0 / square, 1.0 / square, 1.0])
-        warped, inside = warp_to_face(self._sizes[square], shrink @ matrix, shape)
-        seen = inside & (warped[:, :, 1] > 0.99)
-        return np.where(seen, warped[:, :, 0], np.float32(0.0)), seen
-
-
-@dataclass(frozen=True, eq=False)
-class _Level:
-    """Template and image on one level: detail only, with the image's mask."""
-
-    factor: int
-    template: Float32Array
-    moved: Float32Array
-    seen: Mask
 
 
 def start_matrix(corners_px: NDArray[np.floating], shape: tuple[int, int]) -> Float64Array:
@@ -129,48 +107,6 @@ def start_matrix(corners_px: NDArray[np.floating], shape: tuple[int, int]) -> Fl
     rows, cols = shape
     face = np.array([[0.0, 0.0], [cols, 0.0], [cols, rows], [0.0, rows]])
     return fit_homography(face, corners)
-
-
-def warp_to_face(image: FloatImage, matrix: Float64Array, shape: tuple[int, int]) -> tuple[FloatImage, Mask]:
-    """An image resampled onto the face grid.
-
-    By Keys' cubic where the image is coarser than the grid or up to 1.5 times as fine, else by means over each grid
-    pixel, so that nothing the image shows is skipped.
-
-    Parameters
-    ----------
-    image
-        (R, C, K) float32.
-    matrix
-        (3, 3): from (x, y, 1) in pixels of the face grid to pixels of the image.
-    shape
-        (rows, cols) of the face grid.
-
-    Returns
-    -------
-    warped, inside
-        (rows, cols, K) float32, and (rows, cols) bool: whether the pixel's middle lies in the image; 0 where it
-        doesn't.
-
-    Raises
-    ------
-    ValueError
-        If the image isn't float32 of three axes, or the matrix isn't a homography.
-    """
-    if image.ndim != 3 or image.dtype != np.float32 or min(image.shape) < 1:
-        raise ValueError(f"the image must be float32 (rows, cols, channels), not {image.dtype} {image.shape}")
-    _check_matrix(matrix)
-    taps = max(1, math.floor(_scale(matrix, shape) + 0.5))
-    warped = np.empty((*shape, image.shape[2]), dtype=np.float32)
-    inside = np.empty(shape, dtype=np.bool_)
-    resample(np.ascontiguousarray(image), np.ascontiguousarray(matrix, dtype=np.float64), taps, warped, inside)
-    return warped, inside
-
-
-def warp_mask_to_face(mask: Mask, matrix: Float64Array, shape: tuple[int, int]) -> Mask:
-    """A mask of the image on the face grid: True where only good pixels go into the value that `warp_to_face` gives."""
-    warped, inside = warp_to_face(mask.astype(np.float32)[:, :, np.newaxis], matrix, shape)
-    return np.asarray(inside & (np.abs(warped[:, :, 0] - 1.0) < 1e-3), dtype=np.bool_)
 
 
 def register(
@@ -216,135 +152,42 @@ def register(
             )
         if not np.isfinite(values).all():
             raise ValueError(f"{name} holds values that are no numbers")
-    _check_matrix(start)
+    check_matrix(start)
     good = np.ones(fired_l.shape, dtype=np.bool_) if valid is None else valid
     if good.shape != fired_l.shape:
         raise ValueError(f"the mask's shape {good.shape} isn't that of the image {fired_l.shape}")
     # Where tile borders on something else, the camera's blur mixes the two.
-    good = _worn(good)
-    image = _Image(fired_l, good)
+    good = worn_px(good)
+    image = ImageSizes(fired_l, good)
     matrix = began = np.asarray(start / start[2, 2], dtype=np.float64)
 
     longer = max(predicted_l.shape)
-    finest = max(1, -(-longer // _FINEST_PX), math.floor(1.0 / max(_scale(matrix, predicted_l.shape), 1e-6) + 0.5))
+    finest = max(1, -(-longer // _FINEST_PX), math.floor(1.0 / max(scale_of(matrix, predicted_l.shape), 1e-6) + 0.5))
     finest = max(1, min(finest, min(predicted_l.shape) // _LEAST_SIDE_PX))
     voting = max(finest, round(longer / _VOTING_PX))
-    alike = _alike(_level(predicted_l, image, matrix, voting)) - _ALIKE_DOUBT
+    began_alike = alike(level_of(predicted_l, image, matrix, voting)) - _ALIKE_DOUBT
     matrix = _voted(predicted_l, image, matrix, voting)
-    trusted = _trusted(predicted_l, image, matrix, voting)
+    trusted = trusted_px(predicted_l, image, matrix, voting)
 
     factors = [finest]
     while longer / (2 * factors[-1]) >= _COARSEST_PX and min(predicted_l.shape) // (2 * factors[-1]) >= _LEAST_SIDE_PX:
         factors.append(2 * factors[-1])
     step, rested = math.inf, False
-    for factor in [*reversed(factors), finest]:
-        level = _level(predicted_l, image, matrix, factor, trusted)
+    for factor in reversed(factors):
+        level = level_of(predicted_l, image, matrix, factor, trusted)
         matrix, step, rested = _refined(level, matrix)
-    likeness = _alike(level)
-    if not rested or _alike(_level(predicted_l, image, matrix, voting)) < alike:
-        return Registration(began, _alike(_level(predicted_l, image, began, finest)), False, step)
+    likeness = alike(level)
+    if rested:
+        matrix, step, rested = _refined(level_of(predicted_l, image, matrix, finest, shown_px(level)), matrix)
+    if not rested or alike(level_of(predicted_l, image, matrix, voting)) < began_alike:
+        return Registration(began, alike(level_of(predicted_l, image, began, finest)), False, step)
     return Registration(matrix, likeness, likeness >= _LEAST_LIKENESS, step)
 
 
-def _check_matrix(matrix: Float64Array) -> None:
-    if matrix.shape != (3, 3) or not np.isfinite(matrix).all() or not abs(np.linalg.det(matrix)) > 1e-12:
-        raise ValueError(f"no homography: {np.asarray(matrix).tolist()}")
-
-
-def _scale(matrix: Float64Array, shape: tuple[int, int]) -> float:
-    """Pixels of the image for one of the grid, at its middle."""
-    x, y = 0.5 * shape[1], 0.5 * shape[0]
-    across, down, middle = project(matrix, np.array([[x + 0.5, y], [x, y + 0.5], [x, y]]))
-    one, other = 2.0 * (across - middle), 2.0 * (down - middle)
-    return float(math.sqrt(abs(one[0] * other[1] - one[1] * other[0])))
-
-
-def _worn(mask: Mask) -> Mask:
-    """The mask less what lies within ``_BLURRED_PX`` of its edges; the image's own border is no such edge."""
-    worn = mask.copy()
-    for _ in range(_BLURRED_PX):
-        for axis in (0, 1):
-            lines = np.moveaxis(worn, axis, 0)
-            before = lines.copy()
-            lines[1:] &= before[:-1]
-            lines[:-1] &= before[1:]
-    return worn
-
-
-def _reduced(values: Float32Array, factor: int) -> Float32Array:
-    """Means of squares of ``factor`` pixels; what is left over at the far edges is dropped."""
-    if factor == 1:
-        return values
-    rows, cols = values.shape[0] // factor, values.shape[1] // factor
-    out = np.zeros((rows, cols), dtype=np.float32)
-    for row in range(factor):
-        for col in range(factor):
-            out += values[row : rows * factor : factor, col : cols * factor : factor]
-    out *= np.float32(1.0 / (factor * factor))
-    return out
-
-
-def _detail(values: Float32Array, weight: Float32Array, window: int) -> Float32Array:
-    """Values less their weighted mean over a square window, a little smoothed; 0 where the weight is."""
-    mean_weight = np.maximum(ndimage.uniform_filter(weight, window, mode="constant"), np.float32(1e-4))
-    mean = ndimage.uniform_filter(values * weight, window, mode="constant") / mean_weight
-    detail = (values - mean) * weight
-    for axis in (0, 1):
-        detail = ndimage.convolve1d(detail, np.array([0.25, 0.5, 0.25], dtype=np.float32), axis=axis, mode="nearest")
-    return np.asarray(detail * weight, dtype=np.float32)
-
-
-def _level(
-    predicted_l: Float32Array, image: _Image, matrix: Float64Array, factor: int, trusted: Mask | None = None
-) -> _Level:
-    """Both pictures on the face grid reduced by a factor, the image as the matrix has it; only what is trusted."""
-    template = _reduced(predicted_l, factor)
-    to_image = matrix @ np.diag([float(factor), float(factor), 1.0])
-    fired, seen = image.on_grid(to_image, (template.shape[0], template.shape[1]))
-    if trusted is not None:
-        rows, cols = (
-            np.minimum((np.arange(length) + 0.5) * many / length, many - 1).astype(int)
-            for length, many in zip(template.shape, trusted.shape, strict=True)
-        )
-        seen = seen & trusted[np.ix_(rows, cols)]
-    weight = seen.astype(np.float32)
-    window = 2 * max(3, round(0.5 * _WINDOW * max(template.shape))) + 1
-    return _Level(factor, _detail(template, weight, window), _detail(fired, weight, window), seen)
-
-
-def _trusted(predicted_l: Float32Array, image: _Image, matrix: Float64Array, factor: int) -> Mask:
-    """Where a small copy of the image may show the face: not where its L* is far off, as of what lies upon the tile.
-
-    Fired L* follows the predicted one and a second-order surface, of drift and light. Beside edges anything between
-    the two sides may be seen.
-    """
-    template = _reduced(predicted_l, factor)
-    rows, cols = template.shape
-    fired, seen = image.on_grid(matrix @ np.diag([float(factor), float(factor), 1.0]), (rows, cols))
-    if seen.sum() < _LEAST_PIXELS:
-        return seen
-    y, x = np.meshgrid(np.linspace(-1, 1, rows), np.linspace(-1, 1, cols), indexing="ij")
-    columns = np.stack([np.ones_like(x), template, x, y, x * x, x * y, y * y], axis=-1)
-    some = np.flatnonzero(seen)[:: max(1, int(seen.sum()) // _FITTED_PIXELS)]
-    lines, wanted = columns.reshape(-1, 7)[some], fired.reshape(-1)[some]
-    weight = np.ones(len(some))
-    for _ in range(_TRUST_ROUNDS):
-        ridge = 1e-6 * weight.sum() * np.eye(7)
-        solution = np.linalg.solve((lines.T * weight) @ lines + ridge, lines.T @ (weight * wanted))
-        away = np.abs(wanted - lines @ solution)
-        spread = max(_MAD * float(np.median(away)), _LEAST_SPREAD_L)
-        weight = 1.0 / (1.0 + (away / spread) ** 2) ** 2
-    range_l = ndimage.maximum_filter(template, 5) - ndimage.minimum_filter(template, 5)
-    away = np.abs(ndimage.uniform_filter(fired - columns @ solution, 3))
-    other = seen & (away > _FAR_SPREADS * spread + range_l)
-    trusted = ~ndimage.maximum_filter(other, 2 * _HALO + 1)
-    return trusted if (trusted & seen).sum() >= _LEAST_TRUSTED * seen.sum() else np.ones_like(seen)
-
-
-def _voted(predicted_l: Float32Array, image: _Image, matrix: Float64Array, factor: int) -> Float64Array:
+def _voted(predicted_l: Float32Array, image: ImageSizes, matrix: Float64Array, factor: int) -> Float64Array:
     """The matrix moved, turned and stretched as blocks say by phase correlation."""
     for apart in _BLOCK_APART_PX:
-        level = _level(predicted_l, image, matrix, factor)
+        level = level_of(predicted_l, image, matrix, factor)
         rows, cols = level.template.shape
         block = min(rows, cols, max(_LEAST_SIDE_PX, 2 * round(max(rows, cols) / 6)))
         said = block_shifts(
@@ -398,17 +241,17 @@ def _moved(motion: Float64Array, shape: tuple[int, int]) -> Float64Array:
     return project(motion, places) - places
 
 
-def _refined(level: _Level, matrix: Float64Array) -> tuple[Float64Array, float, bool]:
+def _refined(level: Level, matrix: Float64Array) -> tuple[Float64Array, float, bool]:
     """The matrix after Gauss-Newton steps on a level, the last step in grid pixels, and whether it came to rest."""
     shape = (level.template.shape[0], level.template.shape[1])
     slope_y, slope_x = (np.asarray(slope, dtype=np.float32) for slope in np.gradient(level.template))
     normal, gradient = np.empty((PARAMETERS, PARAMETERS)), np.empty(PARAMETERS)
     motion = np.eye(3)
     difference = (level.moved - level.template)[level.seen]
-    if len(difference) < _LEAST_PIXELS:
+    if len(difference) < LEAST_PIXELS:
         return matrix, math.inf, False
-    photometric = np.array([_gain(level), 0.0])
-    spread = _MAD * float(np.median(np.abs(difference)))
+    photometric = np.array([gain_of(level), 0.0])
+    spread = MAD * float(np.median(np.abs(difference)))
     half = 0.5 * max(shape)
     to_unit = np.array([[1 / half, 0, -0.5 * shape[1] / half], [0, 1 / half, -0.5 * shape[0] / half], [0, 0, 1]])
     size = math.inf
@@ -427,7 +270,7 @@ def _refined(level: _Level, matrix: Float64Array) -> tuple[Float64Array, float, 
             normal,
             gradient,
         )
-        if weights < _LEAST_PIXELS:
+        if weights < LEAST_PIXELS:
             return matrix, math.inf, False
         variance = max(squares / weights, 1e-8)
         step = _solved(np.triu(normal) + np.triu(normal, 1).T, gradient, variance, half)
@@ -447,12 +290,6 @@ def _refined(level: _Level, matrix: Float64Array) -> tuple[Float64Array, float, 
         if size < _SETTLED_PX or not math.isfinite(size):
             break
     return _composed(matrix, motion, level.factor), size * level.factor, size < 10.0 * _SETTLED_PX
-
-
-def _gain(level: _Level) -> float:
-    """How strongly the image shows the template's detail to begin with."""
-    one, other = level.template[level.seen], level.moved[level.seen]
-    return float(np.clip((one * other).sum() / max(float((one * one).sum()), 1e-9), 0.3, 1.5))
 
 
 def _solved(normal: Float64Array, gradient: Float64Array, variance: float, half: float) -> Float64Array | None:
@@ -477,19 +314,8 @@ def _solved(normal: Float64Array, gradient: Float64Array, variance: float, half:
             lines[0, [0, 1, 2, 6, 7]] = x, y, 1.0, -x * x, -x * y
             lines[1, [3, 4, 5, 6, 7]] = x, y, 1.0, -x * y, -y * y
             doubt += float(np.trace(lines[:, taken] @ inverse @ lines[:, taken].T))
-        if half * math.sqrt(_CORRELATED * variance * doubt / len(corners)) <= most:
+        if half * math.sqrt(CORRELATED * variance * doubt / len(corners)) <= most:
             step = np.zeros(PARAMETERS)
             step[taken] = inverse @ gradient[taken]
             return step
     return None
-
-
-def _alike(level: _Level) -> float:
-    """Correlation of a level's detail, that of the image clipped where it is far from what is usual."""
-    one, other = level.template[level.seen], level.moved[level.seen]
-    if len(other) < _LEAST_PIXELS:
-        return 0.0
-    most = np.float32(_CLIP * _MAD * np.median(np.abs(other)))
-    other = np.clip(other, -most, most)
-    squares = float(one @ one) * float(other @ other)
-    return float(one @ other) / math.sqrt(squares) if squares > 0 else 0.0

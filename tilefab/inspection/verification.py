@@ -24,7 +24,10 @@ _STEPS = 4
 _STILL_CELLS = 0.05
 _AROUND = 3.0
 _MOST_MOVED = 0.04
+_HOPELESS = 0.2
 _WINDOW_CELLS = 3.5
+_SMOOTHED_CELLS = (2.0, 1.0)
+_KEPT_ENERGY = 0.5
 _DETAIL_CELLS = 6.0
 _ALIKE = 0.5
 _LEAST_CONTRAST_L = 0.15
@@ -70,7 +73,7 @@ class Comparison:
         return float(self.compared.mean())
 
 
-def compare(light: Plane, mask: Mask, matrix: Float64Array, view: Plane) -> Comparison:
+def compare(light: Plane, mask: Mask, matrix: Float64Array, view: Plane, *, lies_there: bool = False) -> Comparison:
     """Compare an image of a tile with a face.
 
     Parameters
@@ -83,14 +86,26 @@ def compare(light: Plane, mask: Mask, matrix: Float64Array, view: Plane) -> Comp
         (3, 3): where the face lies in the image to about 1 %, see `Comparison`.
     view
         The face, (rows, cols) L*, its longer side at least `COMPARED_PX`.
+    lies_there
+        Whether the matrix is exact already, so that nothing is looked for.
     """
     lies = matrix
-    for long_px in _ALIGNED_PX:
-        lies = _aligned(light, mask, lies, cells_of_view(view, _grid(view, long_px)))
+    for long_px in () if lies_there else _ALIGNED_PX:
+        lies, correlation = _aligned(light, mask, lies, cells_of_view(view, _grid(view, long_px)))
+        if correlation < _HOPELESS:
+            break
     if _moved(matrix, lies) > _MOST_MOVED:
         lies = matrix
     grid = _grid(view, COMPARED_PX)
     return _compared(cells_of_image(light, mask, lies @ _shares(grid), grid), cells_of_view(view, grid), lies)
+
+
+def difference_of_faces(one: Plane, other: Plane, where: Mask) -> float:
+    """In which share of some places (rows, cols) two faces differ, as an image of the one would from the other."""
+    grid = SizePx(*where.shape)
+    first, second = cells_of_view(one, grid), cells_of_view(other, grid)
+    found = _compared(Cells(first.lightness, where), second, np.eye(3))
+    return found.differs
 
 
 def _grid(view: Plane, long_px: int) -> SizePx:
@@ -111,22 +126,26 @@ def _moved(one: Float64Array, other: Float64Array) -> float:
     return float(np.linalg.norm(places[0] - places[1], axis=1).max()) / max(side, 1e-9)
 
 
-def _aligned(light: Plane, mask: Mask, matrix: Float64Array, face: Cells) -> Float64Array:
-    """Matrix moved by affine steps until the image lies on the face; cells that differ much count little.
+def _aligned(light: Plane, mask: Mask, matrix: Float64Array, face: Cells) -> tuple[Float64Array, float]:
+    """Matrix moved by affine steps until the image lies on the face, and how far they then correlate.
 
-    Gauss-Newton, inverse compositional (Baker and Matthews 2004, "Lucas-Kanade 20 years on", section 3.2).
+    Cells that differ much count little. Gauss-Newton, inverse compositional (Baker and Matthews 2004, "Lucas-Kanade 20
+    years on", section 3.2).
     """
     grid = SizePx(*face.seen.shape)
     x = (np.arange(grid.cols) + 0.5) / grid.cols
     y = (np.arange(grid.rows)[:, np.newaxis] + 0.5) / grid.rows
+    correlation = 0.0
     for _ in range(_STEPS):
         cells = cells_of_image(light, mask, matrix @ _shares(grid), grid)
         if not cells.seen.any():
-            return matrix
+            return matrix, 0.0
         seen = Cells(face.lightness, cells.seen)
         wanted, shown = detail(seen, _AROUND).astype(np.float64), detail(cells, _AROUND).astype(np.float64)
         down, across = np.gradient(wanted)
         down, across = down * grid.rows, across * grid.cols
+        norm = float(np.sqrt((shown * shown).sum() * (wanted * wanted).sum()))
+        correlation = float((shown * wanted).sum()) / norm if norm > 0.0 else 0.0
         # Next to what isn't seen the gradient is that of the gap.
         weight = ndimage.binary_erosion(cells.seen, border_value=1).astype(np.float64)
         spread = float(np.sqrt((weight * wanted * wanted).sum() / max(weight.sum(), 1.0))) + 1e-6
@@ -140,17 +159,18 @@ def _aligned(light: Plane, mask: Mask, matrix: Float64Array, face: Cells) -> Flo
         a, b, c, d, e, f, _ = (float(value) for value in found)
         step = np.array([[1.0 + a, b, c], [d, 1.0 + e, f], [0.0, 0.0, 1.0]])
         if abs(float(np.linalg.det(step)) - 1.0) > 0.2:
-            return matrix
+            return matrix, correlation
         matrix = matrix @ np.linalg.inv(step)
         if float(np.abs(found[:6]).max()) < _STILL_CELLS / max(grid.rows, grid.cols):
             break
-    return matrix
+    return matrix, correlation
 
 
 def _compared(image: Cells, face: Cells, matrix: Float64Array) -> Comparison:
     seen = image.seen
     weights = seen.astype(np.float32)
     shown, wanted = detail(image, _DETAIL_CELLS), detail(Cells(face.lightness, seen), _DETAIL_CELLS)
+    shown, wanted = _without_noise(shown, wanted, weights)
     both = blurred(shown * wanted, weights, _WINDOW_CELLS)
     of_shown = blurred(shown * shown, weights, _WINDOW_CELLS)
     of_wanted = blurred(wanted * wanted, weights, _WINDOW_CELLS)
@@ -172,3 +192,13 @@ def _compared(image: Cells, face: Cells, matrix: Float64Array) -> Comparison:
     norm = float(np.sqrt((shown * shown * keep).sum() * (wanted * wanted * keep).sum()))
     likeness = float((shown * wanted * keep).sum()) / norm if norm > 0.0 else 0.0
     return Comparison(matrix, alike, compared, float((seen & ~covered).mean()), likeness)
+
+
+def _without_noise(shown: Plane, wanted: Plane, weights: Plane) -> tuple[Plane, Plane]:
+    """Both smoothed as far as the face keeps most of its contrast: what is finer is the camera's noise."""
+    energy = float((wanted * wanted).sum())
+    for sigma in _SMOOTHED_CELLS:
+        smooth = blurred(wanted, weights, sigma) * weights
+        if float((smooth * smooth).sum()) >= _KEPT_ENERGY * energy:
+            return np.asarray(blurred(shown, weights, sigma) * weights, dtype=np.float32), smooth
+    return shown, wanted

@@ -13,6 +13,8 @@ from tilefab.colour.drift import DriftState, drifted, no_drift
 from tilefab.colour.drift_evidence import DriftEvidence, EvidenceSettings, drift_evidence, ink_cells
 from tilefab.colour.press_model import PressModel, fit_press_model
 from tilefab.colour.spaces import delta_e_2000
+from tilefab.control.drift_control import DriftControl, expected, start_control, step
+from tilefab.control.drift_events import TileMeasured
 
 INKS = 4
 REGIONS = 1500
@@ -167,3 +169,55 @@ def test_misuse_is_refused(model: PressModel, inks: np.ndarray) -> None:
         drift_evidence(model, no_drift(INKS), inks, fired[:5], 0.3)
     with pytest.raises(ValueError, match="must not be negative"):
         drift_evidence(model, no_drift(INKS), inks, fired, -0.1)
+
+
+def told(control: DriftControl, model: PressModel, inks: np.ndarray, lab: np.ndarray, number: int) -> DriftControl:
+    """The controller after a tile, one a minute, without any correction."""
+    state = replace(no_drift(INKS), mean=expected(control, 0))
+    evidence = drift_evidence(model, state, inks, lab, 0.3)
+    event = TileMeasured(
+        number,
+        0,
+        60.0 * number,
+        60.0 * number,
+        evidence.at,
+        evidence.information,
+        evidence.vector,
+        evidence.effect,
+        evidence.watch,
+        evidence.misfit,
+    )
+    return step(control, event)[0]
+
+
+def test_the_controller_learns_a_press_from_tiles_and_its_step(
+    model: PressModel, inks: np.ndarray, firing: Firing
+) -> None:
+    control = start_control(no_drift(INKS).covariance, now_s=0.0)
+    random = np.random.default_rng(12)
+    for number in range(16):
+        now = None if number < 10 else firing
+        part = random.choice(REGIONS, 500, replace=False)
+        lab = read(inks[part], now, number) + random.normal(0.0, 0.2, 3)
+        control = told(control, model, inks[part], lab, number)
+        if number in (9, 15):
+            state = replace(no_drift(INKS), mean=expected(control, 0))
+            assert delta_e_2000(drifted(model, state).lab(inks), PRESS.lab(inks, now)).mean() < 0.5
+    assert control.rival is None
+    assert not control.holds
+
+
+def test_an_ink_that_no_tile_shows_stays_as_it_was(model: PressModel, inks: np.ndarray) -> None:
+    control = start_control(no_drift(INKS).covariance, now_s=0.0)
+    without = inks * np.array([1.0, 1.0, 1.0, 0.0])
+    hot = Firing(peak_offset_degc=8.0)
+    for number in range(30):
+        control = told(control, model, without, read(without, hot, number), number)
+    names = no_drift(INKS)
+    last = np.zeros(len(names.mean), dtype=bool)
+    for place in (INKS - 1, 2 * INKS - 1):
+        last[place] = True
+    state = replace(names, mean=control.estimate.mean[:-1], covariance=control.estimate.covariance[:-1, :-1])
+    assert np.abs(state.mean[last]).max() < 1e-9
+    np.testing.assert_allclose(state.spread()[last], names.spread()[last], rtol=1e-3)
+    assert (state.spread() < 1.001 * names.spread()).all()

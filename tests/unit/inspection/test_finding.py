@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sim.tile_photo import PhotoConditions, photo_conditions
-from tests.unit.inspection.stones import PX_PER_MM, ImaginedStone, to_xyz, true_corners
+from tests.imagined_stone import PX_PER_MM, ImaginedStone, to_xyz, true_corners
 from tilefab.inspection.finding import FoundTile, find_tile
 from tilefab.inspection.records import ImageProblem
 from tilefab.types import SizeMm
@@ -81,7 +81,7 @@ def test_tile_darker_than_the_belt() -> None:
 
 
 @pytest.mark.parametrize(
-    ("value", "problem"), [(0, ImageProblem.BLACK), (255, ImageProblem.BLOWN_OUT), (120, ImageProblem.TORN)]
+    ("value", "problem"), [(0, ImageProblem.BLACK), (255, ImageProblem.BLOWN_OUT), (120, ImageProblem.NO_TILE)]
 )
 def test_images_of_one_value(value: int, problem: ImageProblem) -> None:
     image = np.full((200, 200, 3), value, dtype=np.uint8)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.unit.inspection.stones import ImaginedStone
+from tests.imagined_stone import ImaginedStone
 from tilefab.inspection.fingerprint import (
     CODE_CELLS,
     FINGERPRINT_VERSION,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sim.tile_photo import PhotoConditions, photo_conditions
-from tests.unit.inspection.stones import PX_PER_MM, ImaginedStone, to_xyz, true_corners
+from tests.imagined_stone import PX_PER_MM, ImaginedStone, to_xyz, true_corners
 from tilefab.inspection.fingerprint import FingerprintIndex, fingerprints
 from tilefab.inspection.recognition import PROBLEM_WORDS, RecognitionSettings, recognise
 from tilefab.inspection.records import ImageProblem, Recognition

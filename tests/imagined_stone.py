@@ -14,7 +14,7 @@ PX_PER_MM = 2.0
 
 
 class ImaginedStone:
-    """Faces of smooth noise, each its own; `plain` makes it pale grey with hardly any contrast."""
+    """Faces of smooth noise, each its own."""
 
     def __init__(self, size_mm: SizeMm, seed: int = 0, contrast_l: float = 8.0, grain_mm: float = 4.0) -> None:
         self.size_mm, self.seed, self.contrast_l, self.grain_mm = size_mm, seed, contrast_l, grain_mm
@@ -29,9 +29,9 @@ class ImaginedStone:
     def __call__(self, face: int, long_px: int) -> NDArray[np.float32]:
         """A small rendering, as `FaceView` asks for."""
         whole = self.lightness(face)
-        step = max(1, max(whole.shape) // long_px)
-        rows, cols = whole.shape[0] // step, whole.shape[1] // step
-        return whole[: rows * step, : cols * step].reshape(rows, step, cols, step).mean(axis=(1, 3))
+        rows, cols = whole.shape
+        step = max(step for step in range(1, max(rows, cols) // long_px + 1) if rows % step == cols % step == 0)
+        return whole.reshape(rows // step, step, cols // step, step).mean(axis=(1, 3))
 
     def photo(self, face: int, conditions: PhotoConditions, seed: int = 1, px_per_mm: float = PX_PER_MM) -> PhotoOfTile:
         """The fired face under the camera."""
