@@ -21,7 +21,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -38,7 +38,6 @@ from sim.spectral_press import SpectralPress
 from sim.tile_photo import fired_rgb, photo_conditions, photo_of
 from tilefab.colour import scan_to_xyz
 from tilefab.config import load_job
-from tilefab.errors import OutputError
 from tilefab.inspection.fingerprint import FingerprintIndex, fingerprints
 from tilefab.inspection.recognition import recognise
 from tilefab.pipeline.faces import face_region
@@ -84,7 +83,7 @@ pdf = "report.pdf"
 
 @dataclass(frozen=True, eq=False)
 class Stone:
-    """A job of a stone: what its faces should look like, and its map as fired, for each drift, linear sRGB in 16 bits."""
+    """A job of a stone: what its faces should look like, and its map fired with each drift, linear sRGB in 16 bits."""
 
     name: str
     faces: PredictedFaces
@@ -179,7 +178,8 @@ def index_of(stone: Stone, faces: int, keep: Path | None) -> tuple[FingerprintIn
     took = 1000.0 * (time.process_time() - begin) / faces
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez(path, **index.arrays())
+        arrays = index.arrays()
+        np.savez(path, about=arrays["about"], faces=arrays["faces"], codes=arrays["codes"])
     return index, took
 
 
@@ -233,7 +233,8 @@ def main() -> int:
     each, each_other = -(-arguments.tiles // len(names)), -(-arguments.others // len(names))
     ours, others, strangers = Tally(), Tally(), Tally()
     print(
-        f"{'stone':<22}{'ms/face':>8}{'tiles':>7}{'right':>8}{'false':>6}{'others':>8}{'taken':>6}{'p50 ms':>8}{'p95':>6}"
+        f"{'stone':<20}{'ms/face':>8}{'tiles':>7}{'right':>8}{'false':>6}{'others':>8}{'taken':>6}"
+        f"{'ms p50':>8}{'p95':>6}"
     )
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
@@ -257,7 +258,7 @@ def main() -> int:
             others.add(theirs)
             ms = np.percentile(own.ms, (50, 95))
             print(
-                f"{name:<22}{took:>8.1f}{own.tiles:>7}{own.right / own.tiles:>8.2%}{own.false:>6}{theirs.tiles:>8}"
+                f"{name:<20}{took:>8.1f}{own.tiles:>7}{own.right / own.tiles:>8.2%}{own.false:>6}{theirs.tiles:>8}"
                 f"{theirs.false:>6}{ms[0]:>8.0f}{ms[1]:>6.0f}   {dict(own.reasons)}",
                 flush=True,
             )

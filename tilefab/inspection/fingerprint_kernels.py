@@ -56,6 +56,25 @@ def gather_cells(
 
 
 @kernel
+def average_cells(view: NDArray[np.float32], mean: NDArray[np.float32]) -> None:
+    """Means of a picture over even cells (rows, cols), pixels that lie in several cells being shared out by area."""
+    rows, cols = mean.shape
+    down, across = view.shape[0] / rows, view.shape[1] / cols
+    for row in range(rows):
+        top, bottom = row * down, (row + 1) * down
+        for col in range(cols):
+            left, right = col * across, (col + 1) * across
+            total = 0.0
+            for i in range(int(top), min(int(np.ceil(bottom)), view.shape[0])):
+                high = min(bottom, i + 1.0) - max(top, float(i))
+                line = 0.0
+                for j in range(int(left), min(int(np.ceil(right)), view.shape[1])):
+                    line += view[i, j] * (min(right, j + 1.0) - max(left, float(j)))
+                total += line * high
+            mean[row, col] = total / (down * across)
+
+
+@kernel
 def count_differing(
     codes: NDArray[np.uint64], wanted: NDArray[np.uint64], masks: NDArray[np.uint64], out: NDArray[np.int32]
 ) -> None:

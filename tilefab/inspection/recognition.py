@@ -97,6 +97,7 @@ def recognise(
     *,
     px_per_mm: float | None = None,
     settings: RecognitionSettings | None = None,
+    found: FoundTile | ImageProblem | None = None,
 ) -> Recognition:
     """Recognise a tile in an image.
 
@@ -114,6 +115,8 @@ def recognise(
         Resolution of the image, if the camera is calibrated.
     settings
         What it takes to believe a face.
+    found
+        What `find_tile` said of the image, for who has asked it already.
 
     Returns
     -------
@@ -126,7 +129,7 @@ def recognise(
         If the image isn't (rows, cols, 3), or a size isn't positive.
     """
     settings = settings or RecognitionSettings()
-    tile = find_tile(xyz, size_mm, px_per_mm=px_per_mm)
+    tile = find_tile(xyz, size_mm, px_per_mm=px_per_mm) if found is None else found
     if isinstance(tile, ImageProblem):
         return Recognition(None, 0, (), 1.0, 0.0, 0.0, 0.0, tile, PROBLEM_WORDS[tile])
     light = np.ascontiguousarray(xyz[:, :, 1])

@@ -94,7 +94,8 @@ def start_matrix(corners_px: NDArray[np.floating], shape: tuple[int, int]) -> Fl
 
     Examples
     --------
-    >>> start_matrix(np.array([[10.0, 5.0], [30.0, 5.0], [30.0, 45.0], [10.0, 45.0]]), (400, 200)).round(9).tolist()
+    >>> matrix = start_matrix(np.array([[10.0, 5.0], [30.0, 5.0], [30.0, 45.0], [10.0, 45.0]]), (400, 200))
+    >>> (matrix.round(9) + 0.0).tolist()
     [[0.1, 0.0, 10.0], [0.0, 0.1, 5.0], [0.0, 0.0, 1.0]]
     """
     corners = np.asarray(corners_px, dtype=np.float64)

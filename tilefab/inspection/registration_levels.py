@@ -145,7 +145,7 @@ def trusted_px(predicted_l: Float32Array, image: ImageSizes, matrix: Float64Arra
 def shown_px(level: Level) -> Mask:
     """Where a level is seen and its image follows the template, or has nothing to follow: not on what lies upon it."""
     window = 2 * round(0.5 * _SHOWN_SHARE * max(level.template.shape)) + 1
-    own = ndimage.uniform_filter(level.template**2, window, mode="constant")
+    own = np.maximum(ndimage.uniform_filter(level.template**2, window, mode="constant"), 0.0)
     common = ndimage.uniform_filter(level.template * level.moved, window, mode="constant")
     gain = gain_of(level)
     spread = MAD * float(np.median(np.abs(level.moved - gain * level.template)[level.seen]))

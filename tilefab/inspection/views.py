@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from tilefab.chart.finding import fit_homography
-from tilefab.inspection.fingerprint_kernels import gather_cells
+from tilefab.inspection.fingerprint_kernels import average_cells, gather_cells
 from tilefab.types import Mask, SizeMm, SizePx
 
 Plane = NDArray[np.float32]
@@ -86,18 +86,9 @@ def cells_of_image(light: Plane, mask: Mask, matrix: NDArray[np.float64], grid: 
 
 def cells_of_view(view: Plane, grid: SizePx) -> Cells:
     """Cells of a face from a rendering of it (rows, cols), L*: means over each cell's area."""
-    rows, cols = _averaging(view.shape[0], grid.rows), _averaging(view.shape[1], grid.cols)
-    mean = rows @ view @ cols.T
-    return Cells(np.ascontiguousarray(mean, dtype=np.float32), np.ones((grid.rows, grid.cols), dtype=np.bool_))
-
-
-def _averaging(pixels: int, cells: int) -> Plane:
-    """Matrix (cells, pixels) of how much of each pixel each cell covers, rows of sum 1."""
-    edges = np.arange(cells + 1) * (pixels / cells)
-    low, high = edges[:-1, np.newaxis], edges[1:, np.newaxis]
-    place = np.arange(pixels)
-    cover = np.clip(np.minimum(high, place + 1.0) - np.maximum(low, place), 0.0, None)
-    return np.asarray(cover * (cells / pixels), dtype=np.float32)
+    mean = np.empty((grid.rows, grid.cols), dtype=np.float32)
+    average_cells(np.ascontiguousarray(view, dtype=np.float32), mean)
+    return Cells(mean, np.ones((grid.rows, grid.cols), dtype=np.bool_))
 
 
 def lightness(light: Plane) -> Plane:

@@ -24,7 +24,20 @@ from tilefab.io.journal_schema import (
 FACTS = ("detect_seq", "tile_seq", "printer_boot", "plc_boot", "rows_printed", "data_crc32")
 """Columns of arms that hold what the devices told."""
 
-_PRINT_COLUMNS = ("run_id", "arm_id", "face", "attempt", "correction", "data_crc32")
+_PRINT_COLUMNS = (
+    "run_id",
+    "arm_id",
+    "face",
+    "attempt",
+    "correction",
+    "data_crc32",
+    "state",
+    "printed_ms",
+    "passed_ms",
+)
+"""In the order of the fields of `PrintRecord`."""
+
+_STATES = {state.value: state for state in ArmState}
 
 _MOST_AT_ONCE = 500
 """Faces or arms asked for in one statement: databases bound its length."""
@@ -88,7 +101,7 @@ def find_prints(
     connection: Connection, line_id: int, run_id: int | None, since_ms: int | None, until_ms: int | None
 ) -> list[PrintRecord]:
     """Arms whose faces were printed whole, by the time of that; see `Journal.prints`."""
-    columns = [arms.c[name] for name in (*_PRINT_COLUMNS, "state", "printed_ms", "passed_ms")]
+    columns = [arms.c[name] for name in _PRINT_COLUMNS]
     of_line, of_run = arms.c.line_id == line_id, arms.c.run_id == run_id
     timed = since_ms is not None or until_ms is not None
     # Sums, so that the index of times looks better than that of the run's faces, or the other way round.
@@ -103,14 +116,12 @@ def find_prints(
         query = query.where(arms.c.printed_ms >= since_ms)
     if until_ms is not None:
         query = query.where(arms.c.printed_ms < until_ms)
+    # A run may have a million of them: rows are taken apart at once, not name by name.
     return [
-        PrintRecord(
-            **{name: getattr(row, name) for name in _PRINT_COLUMNS},
-            state=ArmState(row.state),
-            printed_at=_time(row.printed_ms),
-            passed_at=_maybe_time(row.passed_ms),
+        PrintRecord(run, arm, face, attempt, correction, crc, _STATES[state], _time(printed_ms), _maybe_time(passed_ms))
+        for run, arm, face, attempt, correction, crc, state, printed_ms, passed_ms in connection.execute(
+            query.order_by(arms.c.printed_ms, arms.c.arm_id)
         )
-        for row in connection.execute(query.order_by(arms.c.printed_ms, arms.c.arm_id))
     ]
 
 

@@ -147,7 +147,7 @@ class ArmRecord:
     passed_at: datetime | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class PrintRecord:
     """An arm whose face was printed whole: what tells of a fired tile which it can be; fields as in `ArmRecord`."""
 

@@ -9,6 +9,7 @@ import pytest
 
 from sim.tile_photo import PhotoConditions, photo_conditions
 from tests.imagined_stone import PX_PER_MM, ImaginedStone, to_xyz, true_corners
+from tilefab.inspection.finding import find_tile
 from tilefab.inspection.fingerprint import FingerprintIndex, fingerprints
 from tilefab.inspection.recognition import PROBLEM_WORDS, RecognitionSettings, recognise
 from tilefab.inspection.records import ImageProblem, Recognition
@@ -118,6 +119,14 @@ def test_images_of_no_use(index: FingerprintIndex) -> None:
     assert (said.face, said.problem, said.corners_px) == (None, ImageProblem.BLACK, ())
     assert said.reason == PROBLEM_WORDS[ImageProblem.BLACK]
     assert set(PROBLEM_WORDS) == set(ImageProblem)
+
+
+def test_what_was_found_before_is_taken(index: FingerprintIndex) -> None:
+    xyz = to_xyz(STONE.photo(FACES[4], PhotoConditions(rotation_deg=2.0)).image)
+    tile = find_tile(xyz, SIZE, px_per_mm=PX_PER_MM)
+    plainly = recognise(xyz, index, STONE, SIZE, px_per_mm=PX_PER_MM)
+    assert recognise(xyz, index, STONE, SIZE, found=tile) == plainly
+    assert recognise(xyz, index, STONE, SIZE, found=ImageProblem.TORN).problem is ImageProblem.TORN
 
 
 def test_settings_decide(index: FingerprintIndex) -> None:

@@ -78,6 +78,9 @@ def test_means_of_a_rendering(rows: int, cols: int, grid_rows: int, grid_cols: i
     cells = cells_of_view(view, SizePx(grid_rows, grid_cols)).lightness
     assert cells.shape == (grid_rows, grid_cols)
     assert cells.mean() == pytest.approx(view.mean(), abs=1e-5)
+    # Each pixel as many times as there are cells, then plain blocks.
+    fine = np.repeat(np.repeat(view.astype(np.float64), grid_rows, axis=0), grid_cols, axis=1)
+    np.testing.assert_allclose(cells, fine.reshape(grid_rows, rows, grid_cols, cols).mean(axis=(1, 3)), atol=1e-5)
     whole = cells_of_view(view, SizePx(rows, cols)).lightness
     np.testing.assert_allclose(whole, view, atol=1e-5)
 
