@@ -65,7 +65,7 @@ REGION_NOISE, TILE_NOISE = 0.5, 0.2
 WRONG_SHARE = 0.02
 WALK = np.array([4.0, 2.0, 0.6, 1.0, 0.006])
 INK_WALK = 0.03
-WALK_PER_HOUR = 0.2
+WALK_PER_HOUR = 0.5
 """Share of what drifts in weeks that the press wanders by in an hour."""
 
 ABOVE = 0.5

@@ -23,20 +23,22 @@ class ShapeLimits:
 
     Attributes
     ----------
-    line_length_mm, line_slimness
+    line_length_mm, line_slimness, line_contrast
         From what length on, and from how many times as long as wide, a patch is a line: a crack if it is darker than
-        the face, a scratch if lighter.
+        the face, a scratch if lighter; and its least contrast, CIELAB units.
     pinhole_mm
         Diameter up to which a dark spot is a pinhole.
-    chip_contrast, chip_mm2
-        Least contrast and area of a patch at the face's edge that is a chip.
+    chip_contrast, chip_mm2, chip_width_mm
+        Least contrast, area and mean width of a patch at the face's edge that is a chip.
     """
 
     line_length_mm: float = 2.0
     line_slimness: float = 4.0
+    line_contrast: float = 1.8
     pinhole_mm: float = 0.56
     chip_contrast: float = 5.0
     chip_mm2: float = 0.6
+    chip_width_mm: float = 0.6
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,7 @@ def classed(
     strength
         (h, w) how far each pixel stands out, over the least that is reported; 0 for pixels that only lie around.
     least_contrast
-        Smallest contrast of a defect, CIELAB units.
+        Smallest contrast of what is no line, CIELAB units.
     shapes, grades
         How patches are told apart and graded.
 
@@ -128,19 +130,22 @@ def classed(
     high = float(np.quantile(along[patch], _PEAK))
     # As wide as at half its height: what blur adds on either side, it takes from the height.
     core = patch & (along > 0.5 * high)
-    contrast = float(along[core].mean()) if core.any() else 0.0
-    if contrast < least_contrast:
+    if not core.any():
         return None
+    contrast = float(along[core].mean())
     rows, cols = np.nonzero(core)
     area = len(rows) / px_per_mm**2
     length, width = _extent(rows, cols, px_per_mm)
     diameter = 2.0 * np.sqrt(area / np.pi)
+    slim = length >= shapes.line_length_mm and length >= shapes.line_slimness * width
+    if contrast < (shapes.line_contrast if slim else least_contrast):
+        return None
     darker = direction[0] < 0.0
     size: float
-    if length >= shapes.line_length_mm and length >= shapes.line_slimness * width:
-        kind, size = (DefectKind.CRACK if darker else DefectKind.SCRATCH), length
-    elif at_edge and contrast >= shapes.chip_contrast and area >= shapes.chip_mm2:
+    if at_edge and contrast >= shapes.chip_contrast and area >= shapes.chip_mm2 and width >= shapes.chip_width_mm:
         kind, size = DefectKind.CHIP, area
+    elif slim:
+        kind, size = (DefectKind.CRACK if darker else DefectKind.SCRATCH), length
     elif darker and diameter <= shapes.pinhole_mm:
         kind, size = DefectKind.PINHOLE, diameter
     else:

@@ -48,7 +48,7 @@ class DefectSettings:
     margin_mm
         Strip along the face's edges that is searched for chips only: there, tile and belt mix.
     least_contrast
-        Smallest contrast to the surroundings of a blob or a thin line, CIELAB units.
+        Smallest contrast of a blob to its surroundings, CIELAB units, as the camera blurs it.
     blob_sigmas, line_sigmas
         How far a blob's middle, or a piece of a line, must stand out of the tile's noise, standard deviations.
     largest_px_mm
@@ -64,7 +64,7 @@ class DefectSettings:
     margin_mm: float = 0.5
     least_contrast: float = 2.6
     blob_sigmas: float = 9.0
-    line_sigmas: float = 8.0
+    line_sigmas: float = 9.0
     largest_px_mm: float = 1.6
     profiles: ProfileSettings = field(default_factory=ProfileSettings)
     prints: PrintLimits = field(default_factory=PrintLimits)

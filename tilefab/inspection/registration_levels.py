@@ -150,7 +150,9 @@ def shown_px(level: Level) -> Mask:
     gain = gain_of(level)
     spread = MAD * float(np.median(np.abs(level.moved - gain * level.template)[level.seen]))
     doubt = np.float32(spread * math.sqrt(CORRELATED) / window) * np.sqrt(own)
-    shown = level.seen & (common + 3.0 * doubt >= 0.5 * gain * own)
+    other = level.seen & (common + 3.0 * doubt < 0.5 * gain * own)
+    # A window half of which is covered still follows.
+    shown = level.seen & ~ndimage.maximum_filter(other, window)
     return shown if shown.sum() >= _LEAST_TRUSTED * level.seen.sum() else level.seen
 
 

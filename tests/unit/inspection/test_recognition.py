@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -46,7 +47,7 @@ def test_recognised_however_it_lies(index: FingerprintIndex, seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("limits", [{"broken": 0.4}, {"occluded": 0.3}])
-def test_recognised_in_part(index: FingerprintIndex, seed: int, limits: dict[str, float]) -> None:
+def test_recognised_in_part(index: FingerprintIndex, seed: int, limits: dict[str, Any]) -> None:
     conditions = photo_conditions(np.random.default_rng(seed), shift=0.04, **limits)
     said = _recognised(index, STONE.photo(FACES[-seed], conditions, seed).image)
     assert (said.face, said.quarter_turns) == (FACES[-seed], conditions.quarter_turns), said

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from tilefab.colour.drift import DriftState, drifted, no_drift
 from tilefab.colour.drift_evidence import drift_evidence
+from tilefab.colour.press_model import PressModel
 from tilefab.config import load_job
 from tilefab.config.line import LineFile
 from tilefab.control.drift_control import expected, start_control
@@ -128,11 +130,10 @@ class RunBench:
         line = line_file.line
         self._inspector = TileInspector(self._faces, tolerances_of(line.tolerances), line.inspection.region_mm)
         self._maps: OrderedDict[int, PrintedWith] = OrderedDict()
-        try:
+        self._model: PressModel | None = None
+        # A profile without measurements prints, but nothing can be learnt for it.
+        with suppress(ProfileError):
             self._model = carried_press(plan.press_profile, plan.output / MAPS_FOLDER)[0].model
-        except ProfileError:
-            # A profile without measurements prints, but nothing can be learnt for it.
-            self._model = None
         inks = plan.press_profile.channels
         self._inks = inks
         self._fresh = no_drift(inks)

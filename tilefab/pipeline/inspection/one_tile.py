@@ -134,7 +134,7 @@ class TileInspector:
         """
         size = self.faces.plan.tile_mm
         found = find_tile(image.xyz, size, px_per_mm=image.px_per_mm)
-        recognition = recognise(image.xyz, index, self.faces.lightness, size, px_per_mm=image.px_per_mm)
+        recognition = recognise(image.xyz, index, self.faces.lightness, size, px_per_mm=image.px_per_mm, found=found)
         if recognition.face is None or isinstance(found, ImageProblem):
             return InspectedTile(_not_ours(recognition))
         outline = _outline(found, recognition)

@@ -13,6 +13,8 @@ from functools import partial
 from pathlib import Path
 from types import FrameType
 
+from threadpoolctl import threadpool_limits
+
 from tilefab.config.line import LineFile, load_line
 from tilefab.errors import ConfigError, OutputError
 from tilefab.io.atomic import make_folder
@@ -66,6 +68,8 @@ def serve_inspection(line_path: Path, daemon_of: Callable[[LineFile], Daemon]) -
         stack.enter_context(log)
         stack.enter_context(_ended_by(stopping))
         os.nice(_NICE)
+        # More threads of linear algebra would mostly wait for each other: a tile takes three times as long with them.
+        stack.enter_context(threadpool_limits(1))
         inspector = stack.enter_context(open_inspector(line_file, daemon_of(line_file), log))
         log("up", camera=line_file.camera_folder, store=store_url(line_file))
         try:
