@@ -16,12 +16,17 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import os
 import sys
 import time
 import zlib
 from collections import Counter
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from defect_stones import Stone, photographed, press, profile, random_firing, stone_of, stones
@@ -41,6 +46,7 @@ LEAST = 3.0
 FOUND, REFUSED = 0.99, 0.005
 JUDGED = ("nozzle_line", "spot", "crack")
 ALL_OVER = ("missing_ink", "misregistration", "double_print", "banding")
+Maker = Callable[..., tuple[FloatImage, seeded.SeededDefect]]
 STEPS = (0.0, 1.0, 2.0, 3.0, 5.0, 8.0, 100.0)
 MOST_DRIFT = 3.0
 APART_MM = 1.5
@@ -126,16 +132,16 @@ def marked_tile(stone: Stone, number: int, px: int, px_per_mm: float, seed: int)
         marks.append((line, contrast(changed[:, part], fired[:, part], most=False)))
         fired = changed
     lighter, darker = float(random.uniform(1.15, 2.2)), float(random.uniform(0.25, 0.9))
-    makers = (
-        (seeded.spot, {"factor": darker if random.random() < 0.7 else lighter}),
-        (seeded.crack, {"factor": float(random.uniform(0.25, 0.9))}),
-        (seeded.pinhole, {"factor": float(random.uniform(0.15, 0.7))}),
-        (seeded.scratch, {"factor": float(random.uniform(1.15, 2.2)), "length_mm": 20.0}),
-        (seeded.chip, {"corner": bool(random.random() < 0.5), "size_mm": float(random.uniform(1.5, 4.0))}),
+    makers: tuple[Maker, ...] = (
+        partial(seeded.spot, factor=darker if random.random() < 0.7 else lighter),
+        partial(seeded.crack, factor=float(random.uniform(0.25, 0.9))),
+        partial(seeded.pinhole, factor=float(random.uniform(0.15, 0.7))),
+        partial(seeded.scratch, factor=float(random.uniform(1.15, 2.2)), length_mm=20.0),
+        partial(seeded.chip, corner=bool(random.random() < 0.5), size_mm=float(random.uniform(1.5, 4.0))),
     )
-    for make, options in makers:
+    for make in makers:
         for _ in range(20):
-            changed, truth = make(fired, random, px_per_mm=px_per_mm, **options)  # type: ignore[operator]
+            changed, truth = make(fired, random, px_per_mm=px_per_mm)
             if all(_apart(truth, other) for other, _ in marks):
                 marks.append((truth, contrast(changed, fired, most=True)))
                 fired = changed
@@ -259,9 +265,9 @@ def report(figures: Figures, tallies: dict[str, Tally]) -> None:
         shown = "".join(f"{f'{found}/{count}' if count else '-':>12}" for count, found, _ in cells)
         from_least = [cell for cell, least in zip(cells, STEPS, strict=False) if least >= LEAST]
         count, found, classed = (sum(column) for column in zip(*from_least, strict=True))
-        share = f"{100 * found / count:.1f} %" if count else "-"
+        of_them = f"{100 * found / count:.1f} %" if count else "-"
         rightly = f"{100 * classed / found:.0f} %" if found else "-"
-        print(f"{kind:<18}{shown}{share:>16}{rightly:>9}")
+        print(f"{kind:<18}{shown}{of_them:>16}{rightly:>9}")
         if kind in JUDGED and count:
             figures.check(
                 f"  {kind.replace('_', ' ')}s of ΔE {LEAST:g} or more found",

@@ -35,7 +35,7 @@ class ShapeLimits:
     line_length_mm: float = 2.0
     line_slimness: float = 4.0
     line_contrast: float = 1.8
-    pinhole_mm: float = 0.56
+    pinhole_mm: float = 0.53
     chip_contrast: float = 5.0
     chip_mm2: float = 0.6
     chip_width_mm: float = 0.6

@@ -224,7 +224,7 @@ def binomial_plain(image: FloatImage) -> Float64Array:
 
 @kernel
 def block_sums(
-    predicted: FloatImage, fired: FloatImage, weight: FloatImage, scale: Float64Array, block: int
+    predicted: FloatImage, fired: FloatImage, weight: FloatImage, scale: Float64Array, block: int, every: int
 ) -> Float64Array:
     """Sums over blocks for fitting a residual by the prediction's slopes and its curvature.
 
@@ -239,6 +239,8 @@ def block_sums(
         Residuals count up to four times that.
     block
         Side of a block, pixels.
+    every
+        Only every so manieth row counts.
 
     Returns
     -------
@@ -248,7 +250,7 @@ def block_sums(
     """
     rows, cols = weight.shape
     out = np.zeros(((rows + block - 1) // block, (cols + block - 1) // block, 9))
-    for row in range(1, rows - 1):
+    for row in range(1, rows - 1, every):
         i = row // block
         for col in range(1, cols - 1):
             share = weight[row, col]
@@ -295,13 +297,14 @@ def slopes_plain(predicted: FloatImage) -> Float64Array:
 
 
 def block_sums_plain(
-    predicted: FloatImage, fired: FloatImage, weight: FloatImage, scale: Float64Array, block: int
+    predicted: FloatImage, fired: FloatImage, weight: FloatImage, scale: Float64Array, block: int, every: int
 ) -> Float64Array:
     """Twin of `block_sums`."""
     steep = steepness(predicted)
     slopes = steep * slopes_plain(predicted)
     rest = np.clip(steep * (np.asarray(fired, dtype=np.float64) - predicted), -4.0 * scale, 4.0 * scale)
     counts = np.asarray(weight, dtype=np.float64)[..., np.newaxis] / scale**2
+    counts[np.arange(len(counts)) % every != 1 % every] = 0.0
     pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
     products = [slopes[i] * slopes[j] for i, j in pairs] + [slope * rest for slope in slopes]
     values = np.stack([(counts * product).sum(axis=-1) for product in products], axis=-1)

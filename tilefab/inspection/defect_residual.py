@@ -40,8 +40,8 @@ from tilefab.types import FloatImage, Mask
 
 Float64Array = NDArray[np.float64]
 
-_FIT_MM, _FIT_SAMPLES, _FIT_ROUNDS = 0.4, 8_000, 4
-_SAMPLES = 20_000
+_FIT_MM, _FIT_SAMPLES, _FIT_ROUNDS = 0.4, 6_000, 4
+_SAMPLES = 15_000
 _LEAST_SPREAD = 3.0
 _RIDGE = 1e-5
 _CUTOFF = 3.0
@@ -113,7 +113,7 @@ def residual_over(
     sharp = binomial(light_of(expected))
     weight = valid.astype(np.float32)
     block = max(round(_BLOCK_MM * px_per_mm), 8)
-    moves = _moves(sharp, seen, weight, block)
+    moves = _moves(sharp, seen, weight, block, every=4)
     blur = float(np.median(moves[..., 2]))
     if blur > _LEAST_BLUR:
         # The curvature tells how far the camera blurs; much of it must be done in earnest, not to first order.
@@ -136,19 +136,25 @@ def residual_over(
     )
 
 
-def _moves(sharp: FloatImage, seen: FloatImage, weight: FloatImage, block: int) -> Float64Array:
-    """Factors (block rows, block cols, 3) of slopes and curvature that explain most."""
-    used = weight > 0.0
-    one = _thinned(sharp[used])
-    rest = (_thinned(seen[used]) - one) * steepness(one)
+def _moves(sharp: FloatImage, seen: FloatImage, weight: FloatImage, block: int, every: int = 1) -> Float64Array:
+    """Factors (block rows, block cols, 3) of slopes and curvature that explain most, judged by every so manieth row."""
+    places = _sampled(weight)
+    one = _at(sharp, places)
+    rest = (_at(seen, places) - one) * steepness(one)
     scale = np.maximum(_MAD * np.median(np.abs(rest), axis=0), _LEAST_SCALE)
-    sums = block_sums(sharp, seen, weight, scale, block)
+    sums = every * block_sums(sharp, seen, weight, scale, block, every)
     return _block_moves(sums)
 
 
-def _thinned(values: NDArray[np.floating]) -> NDArray[np.floating]:
-    """At most some ten thousand of values (P, ...), evenly spread."""
-    return values[:: max(len(values) // _SAMPLES, 1)]
+def _sampled(weight: FloatImage) -> NDArray[np.int64]:
+    """Flat indices of at most some ten thousand pixels that have a weight, evenly spread."""
+    used = np.flatnonzero(weight)
+    return used[:: max(len(used) // _SAMPLES, 1)]
+
+
+def _at(image: FloatImage, places: NDArray[np.int64]) -> Float64Array:
+    """Values (P, K) of an image (rows, cols, K) at flat indices."""
+    return np.asarray(image.reshape(-1, image.shape[2])[places], dtype=np.float64)
 
 
 def firing_applied(
@@ -213,8 +219,8 @@ def _less_colours_own(expected: FloatImage, values: FloatImage, weight: FloatIma
     Firings bend colours more than the smooth function follows. Rarity is the negative logarithm of the share of pixels
     in a cell of colour.
     """
-    used = weight > 0.0
-    colours, rest = _thinned(expected[used]).astype(np.float64), _thinned(values[used])
+    places = _sampled(weight)
+    colours, rest = _at(expected, places), _at(values, places)
     _, directions = np.linalg.eigh(np.cov(colours.T))
     axes = np.zeros((2, 4))
     for k, (direction, cells) in enumerate(zip((directions[:, 2], directions[:, 1]), _COLOUR_CELLS, strict=True)):
@@ -231,14 +237,13 @@ def _less_colours_own(expected: FloatImage, values: FloatImage, weight: FloatIma
     table = smooth[..., :3] / (smooth[..., 3:] + _COLOUR_PRIOR_SHARE * total)
     rarity = -np.log(smooth[..., 3:] / total + 1e-6)
     found = by_colour(expected, axes, np.concatenate([table, rarity], axis=-1))
-    values = values - found[..., :3]
-    values[~used] = 0.0
+    values = (values - found[..., :3]) * weight[..., np.newaxis]
     return values, np.ascontiguousarray(found[..., 3])
 
 
 def _slow_part(values: FloatImage, weight: FloatImage, block: int) -> Float64Array:
     """Means of blocks (block rows, block cols, 3) without what stands out, their surroundings' medians, smoothed."""
-    usual = _thinned(values[weight > 0.0])
+    usual = _at(values, _sampled(weight))
     most = 2.0 * np.maximum(_MAD * np.median(np.abs(usual), axis=0), 0.05).astype(np.float64)
     sums = block_means(values, weight, most, block)
     known = sums[..., 3] * 3.0 >= block * block
@@ -279,8 +284,8 @@ def whitened_by_noise(values: FloatImage, weight: FloatImage, likes: FloatImage)
     Channels are not correlated, and of unit variance, by robust estimates; where pixels have like values in ``likes``
     (rows, cols, K), they are held against each other.
     """
-    used = weight > 0.0
-    sample, around = _thinned(values[used]).astype(np.float64), _thinned(likes[used]).astype(np.float64)
+    places = _sampled(weight)
+    sample, around = _at(values, places), _at(likes, places)
     white = _whitening(sample)
     lengths = np.sqrt(((sample @ white.T) ** 2).sum(axis=1))
     bins = len(_BIN_QUANTILES) - 1

@@ -324,7 +324,7 @@ def _as_defects(
         return []
     joined = ndimage.binary_dilation(marked, _disc(max(round(_JOIN_MM * px_per_mm), 1)))
     labels, count = ndimage.label(joined, np.ones((3, 3)))
-    outside = ndimage.binary_dilation(rest.weight <= 0.0, iterations=max(round(_JOIN_MM * px_per_mm), 1) + 1)
+    pad = max(round(_JOIN_MM * px_per_mm), 1) + 1
     found = []
     for number, box in enumerate(ndimage.find_objects(labels, max_label=count), 1):
         patch = labels[box] == number
@@ -339,7 +339,7 @@ def _as_defects(
             rest.expected[box],
             rest.fired[box],
             px_per_mm,
-            bool((outside[box] & patch & (strength[box] > 0.0)).any()),
+            _at_edge(box, patch & (strength[box] > 0.0), rest.weight, pad),
             strength[box],
             settings.least_contrast,
             settings.shapes,
@@ -348,6 +348,14 @@ def _as_defects(
         if defect is not None:
             found.append(defect)
     return found
+
+
+def _at_edge(box: tuple[slice, ...], marked: Mask, weight: FloatImage, pad: int) -> bool:
+    """Whether marked pixels of a box lie within some pixels of what isn't judged."""
+    wider = tuple(slice(max(part.start - pad, 0), part.stop + pad) for part in box)
+    inner = tuple(slice(part.start - wide.start, part.stop - wide.start) for part, wide in zip(box, wider, strict=True))
+    near = ndimage.binary_dilation(weight[wider] <= 0.0, iterations=pad)
+    return bool((near[inner] & marked).any())
 
 
 def _disc(radius: int) -> Mask:

@@ -98,7 +98,8 @@ class InnovationView:
     at_s
         When the tile was photographed.
     value
-        The surprise over its own standard deviation: about normal (0, 1) while all is well.
+        By how much its lightness was not as expected, over what the controller expects of that: about normal (0, 1)
+        while all is well.
     accepted
         Whether the controller believed it.
     """

@@ -64,15 +64,14 @@ def test_binomial(random: np.random.Generator) -> None:
     assert_array_equal(explaining.binomial(even), even)
 
 
-def test_block_sums(random: np.random.Generator) -> None:
+@pytest.mark.parametrize("every", [1, 3])
+def test_block_sums(random: np.random.Generator, every: int) -> None:
     one, other = (random.uniform(0.001, 0.9, (ROWS, COLS, 3)).astype(np.float32) for _ in range(2))
-    scale = np.array([0.01, 0.02, 0.03])
-    found = explaining.block_sums(one, other, weights(random), scale, 8)
-    wanted = explaining.block_sums_plain(one, other, weights(np.random.default_rng(0)), scale, 8)
-    assert found.shape == wanted.shape == (5, 6, 9)
-    share = weights(random)
-    found = explaining.block_sums(one, other, share, scale, 8)
-    assert_allclose(found, explaining.block_sums_plain(one, other, share, scale, 8), rtol=2e-4, atol=1e-2)
+    scale, share = np.array([0.01, 0.02, 0.03]), weights(random)
+    found = explaining.block_sums(one, other, share, scale, 8, every)
+    wanted = explaining.block_sums_plain(one, other, share, scale, 8, every)
+    assert found.shape == (5, 6, 9)
+    assert_allclose(found, wanted, rtol=2e-4, atol=1e-2)
 
 
 def test_moved_by(random: np.random.Generator) -> None:

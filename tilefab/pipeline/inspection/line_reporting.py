@@ -225,7 +225,7 @@ class _View:
             strangers=sum(tile.problem is None for tile in of.others),
             corrections=self._corrections(),
             kiln=kiln_zones(of.notes),
-            innovations=tuple(InnovationView(one.at.timestamp(), one.surprise, one.accepted) for one in of.innovations),
+            innovations=tuple(InnovationView(one.at.timestamp(), one.values[0], one.accepted) for one in of.innovations),
             holds=inspector_alarms([alarm for alarm in of.alarms if alarm.code == HELD]),
             downtime=stops(of.notes, ended),
             alarms=self._alarms(),
