@@ -30,7 +30,7 @@ from tilefab.report.style import ACCENT, GREY, INK, LEFT, MM, RULE, WIDTH, Canva
 
 SECTION = "The loop"
 _NOTE = (
-    "Charted is what each tile told the controller that it had not expected, over its own standard deviation (sigma): "
+    "Charted is how far each tile's lightness was from what the controller expected, over its standard deviation (sigma): "
     "these innovations are independent while all is well, which the colours of a closed loop are not. Rings: signals. "
     "A chart begins anew after a signal."
 )
