@@ -83,7 +83,8 @@ def seen_places(photo: PhotoOfTile, conditions: PhotoConditions, mask: Mask, sid
     places = shares * side
     col, row = np.floor(project(photo.matrix, places)).astype(int).T
     rows, cols = mask.shape
-    return places[mask[np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1)]]
+    shown = mask[np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1)]
+    return np.asarray(places[shown], dtype=np.float64)
 
 
 class Tally:

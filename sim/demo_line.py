@@ -39,6 +39,7 @@ _QUIET_S = 12.0
 _MOST_WALL_S = 1200.0
 _RECENT = 25
 _BAR_DELTA_E, _BAR_LENGTH = 0.1, 50
+_STANDING = ("holding", "faulted")
 _MARK = "made by make demo-line"
 
 
@@ -217,6 +218,8 @@ def watch(plant: Plant, line: Path) -> tuple[float, float, float]:
         if look.delta_e is not None:
             last = look.delta_e
             worst = max(worst, last) if drifting else worst
+        if look.state in _STANDING:
+            take_up(look.state, line)
         if not drifting and minutes >= _DRIFT_AFTER_MIN and look.delta_e is not None:
             before, drifting = look.delta_e, True
             spoil(plant)
@@ -226,6 +229,20 @@ def watch(plant: Plant, line: Path) -> tuple[float, float, float]:
             return before, worst, last
         time.sleep(_LOOK_S)
     raise RuntimeError(f"the line didn't come to an end: see {OUT / 'daemon.log'} and {OUT / 'inspector.log'}")
+
+
+def take_up(state: str, line: Path) -> None:
+    """Do what an operator does with a line that holds: acknowledge, and go on.
+
+    At sixty times its pace a busy computer can be too slow for the devices' time limits; a line holds then, and loses
+    nothing.
+    """
+    say(f"            the line is {state}: acknowledged, going on")
+    for order in ("ack", "resume" if state == "holding" else "start"):
+        try:
+            tilefab("line", order, "--line", str(line))
+        except RuntimeError as refused:
+            say(f"            {refused}")
 
 
 def spoil(plant: Plant) -> None:

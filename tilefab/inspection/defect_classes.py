@@ -23,20 +23,23 @@ class ShapeLimits:
 
     Attributes
     ----------
-    line_length_mm, line_slimness, line_contrast
+    spot_delta_e, line_delta_e
+        Least mean CIEDE2000 of a spot or a chip, and of a line, from what should be there, as the camera blurs them.
+    line_length_mm, line_slimness
         From what length on, and from how many times as long as wide, a patch is a line: a crack if it is darker than
-        the face, a scratch if lighter; and its least contrast, CIELAB units.
+        the face, a scratch if lighter.
     pinhole_mm
         Diameter up to which a dark spot is a pinhole.
-    chip_contrast, chip_mm2, chip_width_mm
-        Least contrast, area and mean width of a patch at the face's edge that is a chip.
+    chip_delta_e, chip_mm2, chip_width_mm
+        Least mean CIEDE2000, area and mean width of a patch at the face's edge that is a chip.
     """
 
+    spot_delta_e: float = 3.0
+    line_delta_e: float = 1.8
     line_length_mm: float = 2.0
     line_slimness: float = 4.0
-    line_contrast: float = 1.8
     pinhole_mm: float = 0.53
-    chip_contrast: float = 5.0
+    chip_delta_e: float = 4.0
     chip_mm2: float = 0.6
     chip_width_mm: float = 0.6
 
@@ -90,11 +93,9 @@ def classed(
     left: int,
     rest: FloatImage,
     expected: FloatImage,
-    fired: FloatImage,
     px_per_mm: float,
     at_edge: bool,
     strength: FloatImage,
-    least_contrast: float,
     shapes: ShapeLimits,
     grades: GradeLimits,
 ) -> Defect | None:
@@ -106,16 +107,14 @@ def classed(
         (h, w) bool, the pixels.
     top, left
         Where its upper left pixel lies.
-    rest, expected, fired
-        (h, w, 3) CIELAB: the residual without its slow part, the prediction as fired, and the tile.
+    rest, expected
+        (h, w, 3) CIELAB: the residual without its slow part, and the prediction as fired.
     px_per_mm
         Resolution.
     at_edge
         Whether it reaches the strip along the face's edges.
     strength
         (h, w) how far each pixel stands out, over the least that is reported; 0 for pixels that only lie around.
-    least_contrast
-        Smallest contrast of what is no line, CIELAB units.
     shapes, grades
         How patches are told apart and graded.
 
@@ -132,17 +131,18 @@ def classed(
     core = patch & (along > 0.5 * high)
     if not core.any():
         return None
-    contrast = float(along[core].mean())
     rows, cols = np.nonzero(core)
     area = len(rows) / px_per_mm**2
     length, width = _extent(rows, cols, px_per_mm)
     diameter = 2.0 * np.sqrt(area / np.pi)
     slim = length >= shapes.line_length_mm and length >= shapes.line_slimness * width
-    if contrast < (shapes.line_contrast if slim else least_contrast):
+    before = expected[core].mean(axis=0, dtype=np.float64)
+    difference = float(delta_e_2000(before, before + rest[core].mean(axis=0, dtype=np.float64)))
+    if difference < (shapes.line_delta_e if slim else shapes.spot_delta_e):
         return None
     darker = direction[0] < 0.0
     size: float
-    if at_edge and contrast >= shapes.chip_contrast and area >= shapes.chip_mm2 and width >= shapes.chip_width_mm:
+    if at_edge and difference >= shapes.chip_delta_e and area >= shapes.chip_mm2 and width >= shapes.chip_width_mm:
         kind, size = DefectKind.CHIP, area
     elif slim:
         kind, size = (DefectKind.CRACK if darker else DefectKind.SCRATCH), length
@@ -150,7 +150,6 @@ def classed(
         kind, size = DefectKind.PINHOLE, diameter
     else:
         kind, size = DefectKind.SPOT, diameter
-    difference = delta_e_2000(expected[core].mean(axis=0), fired[core].mean(axis=0))
     return Defect(
         kind,
         (left + float(cols.mean()) + 0.5) / px_per_mm,
@@ -158,7 +157,7 @@ def classed(
         (int(cols.max()) - int(cols.min()) + 1) / px_per_mm,
         (int(rows.max()) - int(rows.min()) + 1) / px_per_mm,
         area,
-        float(difference),
+        difference,
         max(float(strength[patch].max()), 1.0),
         grades.of(kind, size=size),
     )

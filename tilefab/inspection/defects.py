@@ -48,7 +48,8 @@ class DefectSettings:
     margin_mm
         Strip along the face's edges that is searched for chips only: there, tile and belt mix.
     least_contrast
-        Smallest contrast of a blob to its surroundings, CIELAB units, as the camera blurs it.
+        Smallest contrast of a blob to its surroundings, CIELAB units, as camera and search blur it; `shapes` says what
+        it must be besides.
     blob_sigmas, line_sigmas
         How far a blob's middle, or a piece of a line, must stand out of the tile's noise, standard deviations.
     largest_px_mm
@@ -62,8 +63,8 @@ class DefectSettings:
     """
 
     margin_mm: float = 0.5
-    least_contrast: float = 2.6
-    blob_sigmas: float = 9.0
+    least_contrast: float = 2.2
+    blob_sigmas: float = 8.0
     line_sigmas: float = 9.0
     largest_px_mm: float = 1.6
     profiles: ProfileSettings = field(default_factory=ProfileSettings)
@@ -337,11 +338,9 @@ def _as_defects(
             box[1].start,
             rest.fine[box],
             rest.expected[box],
-            rest.fired[box],
             px_per_mm,
             _at_edge(box, patch & (strength[box] > 0.0), rest.weight, pad),
             strength[box],
-            settings.least_contrast,
             settings.shapes,
             settings.grades,
         )

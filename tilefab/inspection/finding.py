@@ -40,6 +40,7 @@ _WHOLE_SIDE = 0.6
 _SIZE_SCATTER = 0.008
 _COARSE_STEP_DEG, _FINE_STEP_DEG = 1.5, 0.25
 _COARSE_BIN, _FINE_BIN = 4.0, 1.5
+_TRIED_ANGLES = 3
 _EDGE_POINTS = 128
 _EDGE_DEPTH_PX = 3.0
 _TRIED_POINTS = 24
@@ -263,12 +264,15 @@ def _box(piece: Mask) -> _Box | None:
     x, y = _outline_points(piece)
     if len(x) < 4 * _LEAST_SIDE_CELLS:
         return None
-    angle = 0.0
-    for step, around, width in ((_COARSE_STEP_DEG, 45.0, _COARSE_BIN), (_FINE_STEP_DEG, 2.0, _FINE_BIN)):
-        tried = angle + np.radians(np.arange(-around, around, step))
-        found = [[_peaks(along, width)[0] for along in _turned(x, y, turned)] for turned in tried]
-        scores = (np.array(found) ** 2).sum(axis=(1, 2))
-        angle = float(tried[int(np.argmax(scores))])
+    # A ragged break can look straighter than a side from afar, but not from near.
+    coarse = np.radians(np.arange(-45.0, 45.0, _COARSE_STEP_DEG))
+    scores = _scores(x, y, coarse, _COARSE_BIN)
+    around = np.maximum(np.roll(scores, 1), np.roll(scores, -1))
+    peaks = np.flatnonzero(scores >= around)
+    best = peaks[np.argsort(-scores[peaks], kind="stable")[:_TRIED_ANGLES]]
+    fine = np.radians(np.arange(-_COARSE_STEP_DEG, _COARSE_STEP_DEG + 1e-9, _FINE_STEP_DEG))
+    tried = (coarse[best][:, np.newaxis] + fine).ravel()
+    angle = float(tried[int(np.argmax(_scores(x, y, tried, _FINE_BIN)))])
     angle = (angle + math.pi / 4) % (math.pi / 2) - math.pi / 4
     low, high, seen = [], [], []
     for along in _turned(x, y, angle):
@@ -283,6 +287,12 @@ def _box(piece: Mask) -> _Box | None:
         return None
     shares = (seen[0][0] / tall, seen[1][0] / wide, seen[0][1] / tall, seen[1][1] / wide)
     return _Box(angle, (low[0], low[1]), (high[0], high[1]), shares)
+
+
+def _scores(x: Float64Array, y: Float64Array, angles: Float64Array, width: float) -> Float64Array:
+    """For each angle, how well an outline's points gather on four lines."""
+    counts = np.array([[_peaks(along, width)[0] for along in _turned(x, y, float(angle))] for angle in angles])
+    return np.asarray((counts**2).sum(axis=(1, 2)), dtype=np.float64)
 
 
 def _turned(x: Float64Array, y: Float64Array, angle: float) -> tuple[Float64Array, Float64Array]:

@@ -30,8 +30,8 @@ from tilefab.report.style import ACCENT, GREY, INK, LEFT, MM, RULE, WIDTH, Canva
 
 SECTION = "The loop"
 _NOTE = (
-    "Charted is how far each tile's lightness was from what the controller expected, over its standard deviation (sigma): "
-    "these innovations are independent while all is well, which the colours of a closed loop are not. Rings: signals. "
+    "Charted is how far each tile's lightness was from what the controller expected, in standard deviations (sigma). "
+    "These innovations are independent while all is well, which the colours of a closed loop are not. Rings: signals. "
     "A chart begins anew after a signal."
 )
 _SINGLE_HEIGHT, _HEIGHT, _GROUP_HEIGHT = 31 * MM, 27 * MM, 23 * MM

@@ -225,7 +225,7 @@ class _View:
             strangers=sum(tile.problem is None for tile in of.others),
             corrections=self._corrections(),
             kiln=kiln_zones(of.notes),
-            innovations=tuple(InnovationView(one.at.timestamp(), one.values[0], one.accepted) for one in of.innovations),
+            innovations=tuple(_innovation(one) for one in of.innovations),
             holds=inspector_alarms([alarm for alarm in of.alarms if alarm.code == HELD]),
             downtime=stops(of.notes, ended),
             alarms=self._alarms(),
@@ -331,6 +331,10 @@ class _View:
             predicted, fired = (read_picture(kept / name) for name in (found.pictures.predicted, found.pictures.fired))
             views.append(WorstTileView(by_arm[found.arm_id], predicted, fired))
         return tuple(views)
+
+
+def _innovation(one: InnovationRecord) -> InnovationView:
+    return InnovationView(one.at.timestamp(), one.values[0], one.accepted)
 
 
 def _dimensions(sizes: tuple[float, float, float, float, float] | None) -> TileDimensions | None:

@@ -31,5 +31,5 @@ def upgrade() -> None:
     op.add_column("arms", sa.Column("correction", sa.Integer(), nullable=False, server_default=sa.text("0")))
     op.add_column("arms", sa.Column("printed_ms", sa.BigInteger(), nullable=True))
     op.add_column("arms", sa.Column("passed_ms", sa.BigInteger(), nullable=True))
-    where = {"sqlite_where": sa.text(_PRINTED), "postgresql_where": sa.text(_PRINTED)}
-    op.create_index("ix_arms_printed", "arms", ["line_id", "printed_ms"], **where)
+    where = sa.text(_PRINTED)
+    op.create_index("ix_arms_printed", "arms", ["line_id", "printed_ms"], sqlite_where=where, postgresql_where=where)
