@@ -13,11 +13,12 @@ from tilefab.errors import ConfigError
 from tilefab.pipeline.line.watchdog import Watchdog
 
 UNIT = Path(__file__).parents[2] / "packaging" / "tilefab-line@.service"
+INSPECTOR = UNIT.with_name("tilefab-inspect@.service")
 
 
-def settings() -> dict[str, list[str]]:
+def settings(unit: Path = UNIT) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
-    for name, value in re.findall(r"^([A-Za-z]+)=(.*)$", UNIT.read_text(encoding="utf-8"), re.MULTILINE):
+    for name, value in re.findall(r"^([A-Za-z]+)=(.*)$", unit.read_text(encoding="utf-8"), re.MULTILINE):
         found.setdefault(name, []).append(value)
     return found
 
@@ -33,6 +34,18 @@ def test_its_command_is_one_that_exists(jobs: list[str]) -> None:
     assert [str(path) for path in context.params["files"]] == [*jobs, "/etc/tilefab/line1.toml"]
 
 
+def test_the_inspector_has_a_unit_of_its_own() -> None:
+    program, *words = settings(INSPECTOR)["ExecStart"][0].replace("%i", "line1").split()
+    assert Path(program).name == "tilefab"
+    command = typer.main.get_command(app).commands["line"].commands["inspect"]  # type: ignore[attr-defined]
+    assert words[:2] == ["line", "inspect"]
+    context = command.make_context("inspect", words[2:])
+    assert str(context.params["line"]) == "/etc/tilefab/line1.toml"
+    found = settings(INSPECTOR)
+    assert found["StateDirectory"] == settings()["StateDirectory"], "it keeps its store beside the journal"
+    assert int(found["Nice"][0]) > int(settings()["Nice"][0])
+
+
 def test_systemd_watches_it_as_the_daemon_expects() -> None:
     found = settings()
     assert found["Type"] == ["notify"]
@@ -46,12 +59,14 @@ def test_systemd_watches_it_as_the_daemon_expects() -> None:
         assert watchdog._fed_s == now_s[0], "fed at least twice within the limit"
 
 
-def test_what_another_start_wont_change_isnt_started_again() -> None:
-    assert str(ConfigError.exit_code) in settings()["RestartPreventExitStatus"][0].split()
+@pytest.mark.parametrize("unit", [UNIT, INSPECTOR])
+def test_what_another_start_wont_change_isnt_started_again(unit: Path) -> None:
+    assert str(ConfigError.exit_code) in settings(unit)["RestartPreventExitStatus"][0].split()
 
 
-def test_it_may_reach_nothing_but_what_it_needs() -> None:
-    found = settings()
+@pytest.mark.parametrize("unit", [UNIT, INSPECTOR])
+def test_it_may_reach_nothing_but_what_it_needs(unit: Path) -> None:
+    found = settings(unit)
     for name, value in (
         ("NoNewPrivileges", "yes"),
         ("CapabilityBoundingSet", ""),

@@ -19,6 +19,9 @@ Float64Array = NDArray[np.float64]
 COLOUR_TERMS = 11
 """Terms of a colour itself, see `mapped`."""
 
+MOST_APART = 3.0
+"""Colours further from the middle than so many standard deviations count as so far: powers mustn't run away."""
+
 _KNEE = 6.0 / 29.0
 LEAST_LIGHT = 0.003
 """Below it, a change of light counts no more than there: noise alone would rule."""
@@ -45,7 +48,7 @@ def mapped(
     inks
         (rows, cols, N) ink fractions; N may be 0.
     middle, turn
-        (3,) and (3, 3): coordinates u = turn @ (lab - middle) of a colour.
+        (3,) and (3, 3): coordinates u = turn @ (lab - middle) of a colour, cut to ``MOST_APART``.
     colour
         (11 + N + N (N + 1) / 2, 3): of 1, u, the six products of two of u, and the cube of the first; then of inks and
         of the products of two of them.
@@ -61,9 +64,9 @@ def mapped(
         for col in range(cols):
             x = (2.0 * col + 1.0) / cols - 1.0
             d0, d1, d2 = lab[row, col, 0] - middle[0], lab[row, col, 1] - middle[1], lab[row, col, 2] - middle[2]
-            u = turn[0, 0] * d0 + turn[0, 1] * d1 + turn[0, 2] * d2
-            v = turn[1, 0] * d0 + turn[1, 1] * d1 + turn[1, 2] * d2
-            w = turn[2, 0] * d0 + turn[2, 1] * d1 + turn[2, 2] * d2
+            u = min(max(turn[0, 0] * d0 + turn[0, 1] * d1 + turn[0, 2] * d2, -MOST_APART), MOST_APART)
+            v = min(max(turn[1, 0] * d0 + turn[1, 1] * d1 + turn[1, 2] * d2, -MOST_APART), MOST_APART)
+            w = min(max(turn[2, 0] * d0 + turn[2, 1] * d1 + turn[2, 2] * d2, -MOST_APART), MOST_APART)
             terms[0], terms[1], terms[2], terms[3] = 1.0, u, v, w
             terms[4], terms[5], terms[6], terms[7], terms[8], terms[9] = u * u, u * v, u * w, v * v, v * w, w * w
             terms[10] = u * u * u
@@ -92,7 +95,8 @@ def colour_terms(
     lab: NDArray[np.floating], inks: NDArray[np.floating], middle: Float64Array, turn: Float64Array
 ) -> Float64Array:
     """(..., terms) of colours (..., 3) and inks (..., N): see `mapped`."""
-    u, v, w = np.moveaxis((np.asarray(lab, dtype=np.float64) - middle) @ turn.T, -1, 0)
+    apart = (np.asarray(lab, dtype=np.float64) - middle) @ turn.T
+    u, v, w = np.moveaxis(np.clip(apart, -MOST_APART, MOST_APART), -1, 0)
     terms = [np.ones_like(u), u, v, w, u * u, u * v, u * w, v * v, v * w, w * w, u**3]
     laid = [np.asarray(inks[..., k], dtype=np.float64) for k in range(inks.shape[-1])]
     terms += laid

@@ -255,6 +255,15 @@ def _slow_part(values: FloatImage, weight: FloatImage, block: int) -> Float64Arr
     return np.stack([ndimage.gaussian_filter(plane, 1.0, mode="nearest") for plane in slow], axis=-1)
 
 
+def unknown_share(rarity: FloatImage) -> FloatImage:
+    """How little the rest of the tile says of colours as rare, 0 to 1.
+
+    What a firing does to such colours may look like a defect.
+    """
+    prior = np.float32(_COLOUR_PRIOR_SHARE)
+    return np.asarray(prior / (prior + np.exp(-rarity)), dtype=np.float32)
+
+
 def contrast_of(
     values: FloatImage, weight: FloatImage, likes: FloatImage, inner: int, outer: int
 ) -> tuple[FloatImage, FloatImage, FloatImage, FloatImage]:

@@ -17,6 +17,7 @@ from tests.unit.inspection.defect_tiles import (
     press_light,
     stone_inks,
 )
+from tilefab.inspection.defect_classes import ShapeLimits
 from tilefab.inspection.defects import DefectSettings, find_defects
 from tilefab.inspection.records import DefectKind, Grade
 from tilefab.types import FloatImage
@@ -179,14 +180,14 @@ def test_worst_comes_first() -> None:
     assert grades == [Grade.SCRAP, Grade.SECOND]
 
 
-def test_least_contrast_is_heeded() -> None:
+def test_limits_are_heeded() -> None:
     inks = stone_inks(75)
     fired, _ = seeded.spot(
         press_light(inks).astype(np.float32), np.random.default_rng(3), px_per_mm=PX_PER_MM, factor=0.7, diameter_mm=1.0
     )
     predicted = press_lab(inks.astype(np.float64)).astype(np.float32)
     seen, full = photographed(fired, 1), np.ones(inks.shape[:2], dtype=bool)
-    blind = DefectSettings(least_contrast=40.0)
+    blind = DefectSettings(shapes=ShapeLimits(spot_delta_e=20.0))
     assert len(find_defects(predicted, seen, full, PX_PER_MM, inks=inks)) == 1
     assert find_defects(predicted, seen, full, PX_PER_MM, inks=inks, settings=blind) == ()
 
