@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from tilefab.colour.spaces import delta_e_2000
 from tilefab.inspection.defect_classes import GradeLimits
-from tilefab.inspection.defect_kernels import means_of, place_terms
+from tilefab.inspection.defect_colour_kernels import place_terms
+from tilefab.inspection.defect_kernels import means_of
 from tilefab.inspection.records import Defect, DefectKind
 from tilefab.types import FloatImage, Mask
 

@@ -18,21 +18,24 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from tilefab.inspection.defect_kernels import (
+from tilefab.inspection.defect_colour_kernels import (
     PLACE_TERMS,
-    binomial,
-    block_means,
-    block_sums,
     by_colour,
     colour_sums,
     colour_terms,
+    distance_squared,
+    mapped,
+    place_terms,
+)
+from tilefab.inspection.defect_kernels import (
+    binomial,
+    block_means,
+    block_sums,
     lab_of,
     less_blocks,
     light_of,
-    mapped,
     means_of,
     moved_by,
-    place_terms,
     steepness,
 )
 from tilefab.inspection.defect_search_kernels import in_noise, local_contrast
@@ -42,6 +45,7 @@ Float64Array = NDArray[np.float64]
 
 _FIT_MM, _FIT_SAMPLES, _FIT_ROUNDS = 0.4, 6_000, 4
 _SAMPLES = 15_000
+_MOST_INK, _LEAST_INK_SPREAD, _FAR = 0.998, 0.03, 60.0
 _LEAST_SPREAD = 3.0
 _RIDGE = 1e-5
 _CUTOFF = 3.0
@@ -74,8 +78,8 @@ class Residual:
         (rows, cols, 3) float32: the values less their slow part, over some 16 mm.
     likes
         (rows, cols, 3) float32: what the noise depends on: how light the prediction is, how steep around each pixel
-        (CIELAB units a pixel), and how rare its colour is on the tile, so that little is known of what the firing does
-        to it.
+        (CIELAB units a pixel), and how little the rest of the tile says of what the firing does to such a colour or
+        recipe (0 to 1).
     moved_px
         Mean shift that the blocks were given, (x, y): what registration left.
     """
@@ -121,7 +125,8 @@ def residual_over(
         moves = _moves(sharp, seen, weight, block)
     expected, fired = lab_of(moved_by(sharp, moves, block)), lab_of(seen)
     values = (fired - expected) * weight[..., np.newaxis]
-    values, rarity = _less_colours_own(expected, values, weight)
+    values, unknown = _less_colours_own(expected, values, weight)
+    unknown = np.maximum(unknown, _unlike(laid if laid.shape[2] else predicted_lab, weight))
     light = np.ascontiguousarray(expected[..., 0])
     slope_y, slope_x = np.gradient(light)
     busy = np.sqrt(ndimage.uniform_filter(slope_x * slope_x + slope_y * slope_y, 5, mode="nearest"))
@@ -131,7 +136,7 @@ def residual_over(
         expected,
         fired,
         less_blocks(values, weight, _slow_part(values, weight, block), block),
-        np.stack([light, busy, rarity], axis=-1).astype(np.float32),
+        np.stack([light, busy, unknown], axis=-1).astype(np.float32),
         (float(moves[..., 0].mean()), float(moves[..., 1].mean())),
     )
 
@@ -179,7 +184,9 @@ def firing_applied(
     spread, axes = np.linalg.eigh(np.cov(one.T) + 1e-9 * np.eye(3))
     # A stone that hardly varies along an axis says little about it: there the fit stays close to a plain shift.
     turn = (axes / np.maximum(np.sqrt(spread), _LEAST_SPREAD)).T[::-1].copy()
-    colours = colour_terms(one, laid, middle, turn)
+    # Powers of inks mustn't run away either, where there is more of one than almost anywhere on the tile.
+    most_ink = np.quantile(laid, _MOST_INK, axis=0)
+    colours = colour_terms(one, np.minimum(laid, most_ink), middle, turn)
     bright = (one[:, :1] + 16.0) / 100.0
     colour, place = np.zeros((colours.shape[1], 3)), np.zeros((2, PLACE_TERMS, 3))
     weights = np.ones(len(one))
@@ -198,7 +205,7 @@ def firing_applied(
             rest[:, channel] = moved - design @ found
         sizes = np.maximum(_MAD * np.median(np.abs(rest), axis=0), 0.02)
         weights = 1.0 / (1.0 + ((rest / sizes) ** 2).mean(axis=1) / _CUTOFF**2)
-    return mapped(predicted_lab, inks, middle, turn, colour, place)
+    return mapped(predicted_lab, inks, most_ink, middle, turn, colour, place)
 
 
 def _block_moves(sums: Float64Array) -> Float64Array:
@@ -214,10 +221,9 @@ def _block_moves(sums: Float64Array) -> Float64Array:
 
 
 def _less_colours_own(expected: FloatImage, values: FloatImage, weight: FloatImage) -> tuple[FloatImage, FloatImage]:
-    """A residual less what colours alike have in common, and how rare each pixel's colour is.
+    """A residual less what colours alike have in common, and how little is known of that for each pixel's, 0 to 1.
 
-    Firings bend colours more than the smooth function follows. Rarity is the negative logarithm of the share of pixels
-    in a cell of colour.
+    Firings bend colours more than the smooth function follows.
     """
     places = _sampled(weight)
     colours, rest = _at(expected, places), _at(values, places)
@@ -232,11 +238,10 @@ def _less_colours_own(expected: FloatImage, values: FloatImage, weight: FloatIma
     smooth = np.stack(
         [ndimage.gaussian_filter(sums[..., k], _CELL_SMOOTHING, mode="constant") for k in range(4)], axis=-1
     )
-    total = sums[..., 3].sum()
+    prior = _COLOUR_PRIOR_SHARE * sums[..., 3].sum()
     # Cells of few pixels are left nearly alone, for a defect could be all there is in one.
-    table = smooth[..., :3] / (smooth[..., 3:] + _COLOUR_PRIOR_SHARE * total)
-    rarity = -np.log(smooth[..., 3:] / total + 1e-6)
-    found = by_colour(expected, axes, np.concatenate([table, rarity], axis=-1))
+    counts = smooth[..., 3:] + prior
+    found = by_colour(expected, axes, np.concatenate([smooth[..., :3], np.full_like(counts, prior)], axis=-1) / counts)
     values = (values - found[..., :3]) * weight[..., np.newaxis]
     return values, np.ascontiguousarray(found[..., 3])
 
@@ -255,13 +260,13 @@ def _slow_part(values: FloatImage, weight: FloatImage, block: int) -> Float64Arr
     return np.stack([ndimage.gaussian_filter(plane, 1.0, mode="nearest") for plane in slow], axis=-1)
 
 
-def unknown_share(rarity: FloatImage) -> FloatImage:
-    """How little the rest of the tile says of colours as rare, 0 to 1.
-
-    What a firing does to such colours may look like a defect.
-    """
-    prior = np.float32(_COLOUR_PRIOR_SHARE)
-    return np.asarray(prior / (prior + np.exp(-rarity)), dtype=np.float32)
+def _unlike(image: FloatImage, weight: FloatImage) -> FloatImage:
+    """How unlike the tile's most recipes, or colours (rows, cols, K), each pixel's is, 0 to 1."""
+    sample = _at(image, _sampled(weight))
+    least = _LEAST_INK_SPREAD if sample.max() <= 1.0 else _LEAST_SPREAD
+    spread = np.cov(sample.T).reshape(sample.shape[1], -1) + least**2 * np.eye(sample.shape[1])
+    far = distance_squared(image, sample.mean(axis=0), np.linalg.inv(spread).astype(np.float64))
+    return np.asarray(far / (far + np.float32(_FAR)), dtype=np.float32)
 
 
 def contrast_of(

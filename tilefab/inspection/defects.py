@@ -23,7 +23,6 @@ from tilefab.inspection.defect_residual import (
     halved,
     halved_values,
     residual_over,
-    unknown_share,
     whitened_by_noise,
 )
 from tilefab.inspection.defect_search_kernels import line_strengths
@@ -52,8 +51,8 @@ class DefectSettings:
         Smallest contrast of a blob to its surroundings, CIELAB units, as camera and search blur it; `shapes` says what
         it must be besides.
     rare_colours
-        How much more contrast is asked for, as a share, where the face has a colour that is found hardly anywhere else
-        on the tile.
+        How much more contrast is asked for, as a share, where the face has colours that are found hardly anywhere else
+        on the tile, so that what the firing does to them isn't known.
     blob_sigmas, line_sigmas
         How far a blob's middle, or a piece of a line, must stand out of the tile's noise, standard deviations.
     largest_px_mm
@@ -257,7 +256,7 @@ def _patches(rest: Residual, stripes: list[Defect], px_per_mm: float, settings: 
     while size / px_per_mm <= settings.largest_px_mm and min(weight.shape) > 4 * _OUTER:
         contrast, whitened, sigmas, seen = contrast_of(level, weight, likes, _INNER, _OUTER)
         height = np.sqrt(np.einsum("rck,rck->rc", contrast, contrast))
-        least = settings.least_contrast * (1.0 + settings.rare_colours * unknown_share(likes[..., 2]))
+        least = settings.least_contrast * (1.0 + settings.rare_colours * likes[..., 2])
         share = np.minimum(sigmas / settings.blob_sigmas, height / least)
         if size == 1:
             share = np.maximum(share, _lines(whitened, seen, sigmas, px_per_mm, settings))
