@@ -51,6 +51,12 @@ bench: install
 	$(BIN)/python benchmarks/fuzz_readers.py
 	$(BIN)/python benchmarks/line_throughput.py
 	$(BIN)/python benchmarks/line_journal.py
+	$(BIN)/python benchmarks/registration.py
+	$(BIN)/python benchmarks/recognition.py
+	$(BIN)/python benchmarks/defects.py
+	$(BIN)/python benchmarks/run_lengths.py
+	$(BIN)/python benchmarks/drift_control.py
+	$(BIN)/python benchmarks/closed_loop.py
 
 # What the line stands: hours. Each prints a table of what it went through and ends with 1 if anything was wrong.
 soak: install

@@ -32,7 +32,7 @@ FacesOption = Annotated[
     typer.Option(
         "--faces",
         metavar="A:B",
-        help="Faces that it may show. [default: those printed, or all of the job if none is recorded]",
+        help="Faces that it may show. [default: those on record as printed, else all of the job]",
     ),
 ]
 LineFileOption = Annotated[
@@ -85,7 +85,8 @@ def inspect(
     if picture is not None:
         write_tile_sheet(picture, looked.tile)
     if as_json:
-        print_json({"image": str(image), **dataclasses.asdict(found), "correction": looked.tile.correction})
+        facts = {"image": str(image), "candidates": looked.candidates, "correction": looked.tile.correction}
+        print_json({**facts, **dataclasses.asdict(found)})
     else:
         _show(found, looked)
     if found.recognition.face is None or found.colour is None:
@@ -127,7 +128,8 @@ def trace(
                 plan, looked.maps, face, output, prints=looked.prints, line_file=line_file, threads=threads
             )
     if as_json:
-        print_json({"file_written": None if compared is None else str(output), **dataclasses.asdict(traced)})
+        facts = {"file_written": None if compared is None else str(output), "candidates": looked.candidates}
+        print_json({**facts, **dataclasses.asdict(traced)})
     else:
         _show_trace(traced, looked.candidates)
         if compared is not None:
@@ -179,6 +181,8 @@ def _table(seen: Recognition, candidates: int) -> Table:
     table = Table(show_header=False)
     if seen.face is None:
         table.add_row("face", Text(seen.reason, style=NOTE_STYLE))
+        if seen.problem is None:
+            table.add_row("", f"{candidates:,} faces were looked among")
         return table
     turned = f", turned by {90 * seen.quarter_turns}°" if seen.quarter_turns else ""
     table.add_row("face", f"{seen.face}{turned}, of {candidates:,} looked among")

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tilefab.colour.drift import DriftState, drifted, no_drift
+from tilefab.colour.drift import MOST_TONE_CHANGE, DriftState, drifted, no_drift
 from tilefab.colour.drift_evidence import drift_evidence
 from tilefab.colour.press_model import PressModel
 from tilefab.config import load_job
@@ -188,7 +188,10 @@ class RunBench:
         """See `Bench`."""
         profile = self._plan.press_profile
         covariance = 0.5 * (proposal.covariance + proposal.covariance.T)
-        state = DriftState(proposal.mean, covariance, self._inks)
+        # Beyond that no state is believed; the controller comes back to it by itself.
+        mean = proposal.mean.copy()
+        mean[: 2 * self._inks] = np.clip(mean[: 2 * self._inks], -MOST_TONE_CHANGE, MOST_TONE_CHANGE)
+        state = DriftState(mean, covariance, self._inks)
         return drift_text(DriftFile(state, profile.ink_names, profile.sha256, tiles, note))
 
     def state(self, correction: CorrectionRecord) -> Float64Array:

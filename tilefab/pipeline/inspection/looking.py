@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tilefab.config.line import LineFile
@@ -35,8 +35,8 @@ class Looking:
     Attributes
     ----------
     faces
-        Faces that it may show, as `tilefab.pipeline.selection.parse_faces` reads them; ``None``: those that were
-        printed, or all of the job if nothing tells.
+        Faces that it may show, as `tilefab.pipeline.selection.parse_faces` reads them; ``None``: those that are on
+        record as printed, and if it is none of them, all of the job.
     px_per_mm
         Calibration of the image; ``None``: that of the line's camera, if a line is named.
     camera_profile
@@ -110,10 +110,21 @@ def look_at(
     candidates = candidate_faces(plan, looking.faces, prints)
     maps = job_maps(plan, progress, threads)
     faces = PredictedFaces(plan, maps)
-    index = KnownFaces(faces, progress).index(candidates)
+    known = KnownFaces(faces, progress)
     region_mm = DEFAULT_REGION_MM if line_file is None else line_file.line.inspection.region_mm
     inspector = TileInspector(faces, tolerances_of(None if line_file is None else line_file.line.tolerances), region_mm)
-    tile = inspector.inspect(image, index, None if prints is None else prints.printed_with)
+    printed_with = None if prints is None else prints.printed_with
+    tile = inspector.inspect(image, known.index(candidates), printed_with)
+    count = plan.job.tile.count
+    seen = tile.inspection.recognition
+    if seen.face is None and seen.problem is None and looking.faces is None and len(candidates) < count:
+        # Not every print is on record: proofs alone may be, or a journal was lost for a while.
+        if count > MOST_CANDIDATES:
+            reason = f"{seen.reason}; of {count:,} faces those {len(candidates):,} on record: name others with --faces"
+            noted = replace(tile.inspection, recognition=replace(seen, reason=reason), reasons=(reason,))
+            return LookedAt(image, maps, replace(tile, inspection=noted), prints, len(candidates))
+        candidates = range(count)
+        tile = inspector.inspect(image, known.index(candidates), printed_with)
     return LookedAt(image, maps, tile, prints, len(candidates))
 
 
