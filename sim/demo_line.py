@@ -31,8 +31,8 @@ HOTTER_ZONES, HOTTER_DEGC = (4, 5), 40.0
 LONGER_AND_DRIER = {"soak": 6.0, "moisture": -1.0}
 """The kiln's bad day: both zones of the firing are too hot, tiles stay longer, and their bodies come drier."""
 
-_DRIFT_AFTER_MIN = 60.0
-_DRIFT_WITHIN_MIN = 15.0
+_DRIFT_AFTER_MIN = 50.0
+_DRIFT_WITHIN_MIN = 10.0
 _LOOK_S = 15.0
 _UP_WITHIN_S = 120.0
 _QUIET_S = 12.0
@@ -289,4 +289,7 @@ def say(text: str) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except RuntimeError as error:
+        sys.exit(f"make demo-line: {error}")

@@ -26,6 +26,7 @@ _TICK_S = 30.0
 """Of the line's clock."""
 
 _REFUSALS = 3
+_OVER = "the run is over"
 _ONLY_TOLD = "it is only told: [inspection] says correct = false"
 
 
@@ -156,7 +157,8 @@ class ColourLoop:
 
     def _propose(self, bench: Bench, learnt: Learnt) -> None:
         run, proposal = self._journal.present, learnt.proposal
-        if run is None or proposal is None:
+        if run is None or proposal is None or run.finished_at is not None:
+            # After the last face tiles go on leaving the kiln: learnt from for the next run, but nothing is printed.
             return
         present = self._benches.opened(run.run_id)
         if present is None or present.press != bench.press:
@@ -173,6 +175,9 @@ class ColourLoop:
     def follow(self, now: datetime, now_s: float) -> None:
         """Tell the controllers which corrections are in use, now that the journal was read; ``now_s`` never jumps."""
         present = self._journal.present
+        if self._refused and (present is None or present.finished_at is not None):
+            self._refused = 0
+            self._alarms.clear("correction_refused")
         for run_id in self._journal.expected.runs[-OPEN_AT_ONCE:]:
             run = self._journal.runs.get(run_id)
             bench = None if run is None else self._benches.of(run, now_s)
@@ -220,6 +225,10 @@ class ColourLoop:
         for old in waiting[:-1]:
             self._store.answer(old.proposal_id, number=None, answer="it was overtaken by the next")
         newest, daemon = waiting[-1], self._daemon
+        run = self._journal.runs.get(newest.run_id)
+        if run is not None and run.finished_at is not None:
+            self._store.answer(newest.proposal_id, number=None, answer=_OVER)
+            return
         drift = json.loads(newest.drift)
 
         def correct() -> int:
@@ -234,6 +243,13 @@ class ColourLoop:
         if not answer.error:
             self._refused = 0
             self._alarms.clear("correction_refused")
+            for old in self._store.proposals(unanswered=True):
+                # Made while the map was made, of what was known before this correction.
+                self._store.answer(old.proposal_id, number=None, answer=f"overtaken by correction {answer.result}")
+            return
+        present = self._journal.present
+        if present is None or present.finished_at is not None:
+            # The run came to its end meanwhile: there was nothing left to correct.
             return
         self._refused += 1
         if self._refused >= _REFUSALS:
