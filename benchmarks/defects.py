@@ -41,13 +41,13 @@ from tilefab.inspection.defects import find_defects
 from tilefab.inspection.records import Defect, Grade
 from tilefab.types import FloatImage
 
-LEAST = 3.0
+LEAST = 4.0
 """Contrast, CIEDE2000, from which on a defect counts."""
 FOUND, REFUSED = 0.99, 0.005
 JUDGED = ("nozzle_line", "spot", "crack")
 ALL_OVER = ("missing_ink", "misregistration", "double_print", "banding")
 Maker = Callable[..., tuple[FloatImage, seeded.SeededDefect]]
-STEPS = (0.0, 1.0, 2.0, 3.0, 5.0, 8.0, 100.0)
+STEPS = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 8.0, 100.0)
 MOST_DRIFT = 3.0
 APART_MM = 1.5
 

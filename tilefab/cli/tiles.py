@@ -89,7 +89,7 @@ def inspect(
         print_json({**facts, **dataclasses.asdict(found)})
     else:
         _show(found, looked)
-    if found.recognition.face is None or found.colour is None:
+    if found.recognition.face is None or looked.tile.xyz is None:
         raise typer.Exit(UNKNOWN)
 
 
@@ -198,7 +198,8 @@ def _show_trace(traced: TracedTile, candidates: int) -> None:
     table = _table(traced.recognition, candidates)
     if traced.recognition.face is not None:
         if traced.arm_id is not None:
-            table.add_row("print", f"run {traced.run_id}, arm {traced.arm_id}")
+            often = f"; the last of {traced.prints} prints of this face" if traced.prints > 1 else ""
+            table.add_row("print", f"run {traced.run_id}, arm {traced.arm_id}{often}")
         for name, at in (
             ("printed", traced.printed_at),
             ("into the kiln", traced.passed_at),

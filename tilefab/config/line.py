@@ -133,7 +133,11 @@ class Tolerances(Section):
 
     delta_e_mean: Positive = Field(3.0, description="Mean CIEDE2000 of a tile from its own face.")
     delta_e_p95: Positive = Field(6.0, description="The same, exceeded by 5 % of its regions.")
-    size_percent: Positive = Field(0.6, description="Mean side from the work size, % (ISO 13006, group BIa).")
+    size_percent: Positive = Field(
+        0.6,
+        description="Mean side from the work size, % (as ISO 13006 for group BIa; its limits in mm, narrower for large "
+        "tiles, aren't applied: lower it for these).",
+    )
     straightness_percent: Positive = Field(0.5, description="Straightness of sides, %.")
     rectangularity_percent: Positive = Field(0.5, description="Rectangularity, %.")
     shift_mm: Positive = Field(2.0, description="Print off the middle of the tile.")

@@ -209,6 +209,8 @@ def _applied(control: DriftControl, event: CorrectionApplied) -> DriftControl:
     mean = np.array(event.mean, dtype=np.float64)
     if mean.shape != (control.size,):
         raise ValueError(f"a correction of {mean.shape} values for a state of {control.size}")
+    if not np.isfinite(mean).all():
+        raise ValueError(f"correction {event.number} holds values that are no numbers")
     others = tuple(one for one in control.corrections if one[0] != event.number)
     kept = (*others, (event.number, mean))[-_KEPT_CORRECTIONS:]
     return replace(control, corrections=kept, corrected_s=control.time_s, tiles_since=0)
@@ -224,6 +226,8 @@ def _measured(control: DriftControl, event: TileMeasured) -> tuple[DriftControl,
     applied = dict(control.corrections).get(event.correction)
     if applied is None:
         return control, [Ignored(f"tile {event.tile}: correction {event.correction}, which it has, is not known")]
+    if not event.information.any():
+        return control, [Ignored(f"tile {event.tile} says nothing of the drift")]
     parts = (event.at, event.vector, event.information, event.effect, event.watch)
     senseless = not (event.misfit <= control.settings.most_misfit and all(np.isfinite(part).all() for part in parts))
     control = replace(

@@ -34,7 +34,7 @@ class ShapeLimits:
         Least mean CIEDE2000, area and mean width of a patch at the face's edge that is a chip.
     """
 
-    spot_delta_e: float = 3.0
+    spot_delta_e: float = 2.3
     line_delta_e: float = 1.8
     line_length_mm: float = 2.0
     line_slimness: float = 4.0

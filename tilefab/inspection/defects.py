@@ -35,6 +35,7 @@ _LINE_CANDIDATE, _CLIP = 2.5, 4.0
 _LINE_SAMPLE = 1500
 _JOIN_MM, _STRIPE_BLUR_MM = 0.3, 0.4
 _LEAST_VALID = 0.02
+_ECHO_MM, _ECHO_SHARE = 4.0, 0.25
 _LINE_TYPICAL = 3.0
 _ORDER = {Grade.FIRST: 0, Grade.SECOND: 1, Grade.SCRAP: 2}
 
@@ -66,7 +67,7 @@ class DefectSettings:
     """
 
     margin_mm: float = 0.5
-    least_contrast: float = 2.2
+    least_contrast: float = 2.4
     rare_colours: float = 2.0
     blob_sigmas: float = 8.0
     line_sigmas: float = 9.0
@@ -142,10 +143,25 @@ def find_defects(
     if not found:
         # On a print that is wrong all over, nothing else can be told.
         stripes = _stripes(rest, px_per_mm, inks, settings)
-        found = stripes + _patches(rest, stripes, px_per_mm, settings)
+        found = _without_echoes(stripes + _patches(rest, stripes, px_per_mm, settings))
     if tile_mask is not None:
         found += chips_of(tile_mask, px_per_mm, settings.margin_mm, settings.shapes, settings.grades)
     return tuple(sorted(found, key=lambda defect: (-_ORDER[defect.grade], -defect.severity)))
+
+
+def _without_echoes(found: list[Defect]) -> list[Defect]:
+    """Leave out what a nozzle line makes beside itself: fainter lines where its surround is taken off, pieces of it."""
+    lines = [defect for defect in found if defect.kind is DefectKind.NOZZLE_LINE]
+
+    def is_echo(defect: Defect) -> bool:
+        if defect.kind not in (DefectKind.NOZZLE_LINE, DefectKind.SCRATCH, DefectKind.CRACK):
+            return False
+        beside = [line for line in lines if line is not defect and abs(line.x_mm - defect.x_mm) <= _ECHO_MM]
+        if defect.kind is DefectKind.NOZZLE_LINE:
+            return any(defect.delta_e < _ECHO_SHARE * line.delta_e for line in beside)
+        return defect.width_mm <= _ECHO_MM and any(abs(line.x_mm - defect.x_mm) <= line.width_mm for line in beside)
+
+    return [defect for defect in found if not is_echo(defect)]
 
 
 def _stripes(rest: Residual, px_per_mm: float, inks: FloatImage | None, settings: DefectSettings) -> list[Defect]:

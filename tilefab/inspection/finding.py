@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from tilefab.inspection.records import ImageProblem
-from tilefab.inspection.tile_outline import SizedBox, box_corners, tile_outline, within_corners
+from tilefab.inspection.tile_outline import VEIN_CELLS, SizedBox, box_corners, tile_outline, within_corners
 from tilefab.slab.surround import perceptual
 from tilefab.types import FloatImage, Mask, SizeMm
 
@@ -26,7 +26,9 @@ _RING_CELLS = 3
 _DARKEST, _CLIPPED = 0.012, 0.985
 _MOST_CLIPPED = 0.5
 _LEAST_TORN = 0.01
-_NOISE_COLUMNS = 8
+_LIVELY = 0.25
+_MOST_ALIKE = 0.2
+_LONG_RUN = 16
 _LEAST_DIFFERENCE_DE, _MOST_DIFFERENCE_DE, _SCATTER_FACTOR = 4.0, 12.0, 4.0
 _STRAIGHT_SHARE = 0.7
 _EDGE_POINTS = 128
@@ -170,22 +172,30 @@ def _belt(small: FloatImage) -> tuple[Float64Array, float]:
 
 
 def _torn(light: NDArray[np.float32], belt: float) -> bool:
-    """Whether rows or columns are missing: all of one value, or the same as the one before, where no others are.
+    """Whether rows or columns are missing: all of one value that isn't the belt's, or the same as the one before.
 
-    An image without any noise has even rows of belt, which prove nothing.
+    Only lines that cross something count: belt is even. Of a compressed or enlarged image neighbouring lines may be the
+    same in eights, so there a long run is needed; single ones prove something only where pixels have grain.
     """
+    reach = float(np.ptp(light[::4, ::4]))
     for plane in (light, light.T):
-        ends = np.concatenate([plane[:, :_NOISE_COLUMNS], plane[:, -_NOISE_COLUMNS:]], axis=1)
-        noisy = float((np.ptp(ends, axis=1) > 0.0).mean()) > 0.5
-        even = np.ptp(plane, axis=1) == 0.0
-        if not noisy:
-            even &= np.abs(plane[:, 0] - belt) > 0.2 * belt + 0.004
-            repeated = np.zeros(len(plane) - 1, dtype=np.bool_)
-        else:
-            repeated = (plane[1:] == plane[:-1]).all(axis=1)
-        if even.mean() >= _LEAST_TORN or repeated.mean() >= _LEAST_TORN:
+        contrast = np.ptp(plane, axis=1)
+        even = (contrast == 0.0) & (np.abs(plane[:, 0] - belt) > 0.2 * belt + 0.004)
+        lively = contrast[1:] > _LIVELY * reach
+        repeated = lively & (plane[1:] == plane[:-1]).all(axis=1)
+        others = lively & ~repeated
+        grainy = others.any() and float((plane[1:][others] == plane[:-1][others]).mean()) < _MOST_ALIKE
+        if even.mean() >= _LEAST_TORN or (grainy and repeated.mean() >= _LEAST_TORN):
+            return True
+        if _longest(repeated) >= max(_LONG_RUN, _LEAST_TORN * len(plane)):
             return True
     return False
+
+
+def _longest(lines: Mask) -> int:
+    """Length of the longest run of True."""
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], lines, [False]]).astype(np.int8)))
+    return int((ends[1::2] - ends[::2]).max()) if len(ends) else 0
 
 
 def _refined(light: NDArray[np.float32], sized: SizedBox, size_mm: SizeMm, cell: int) -> tuple[Float64Array, float]:
@@ -335,7 +345,12 @@ def _meet(one: tuple[Float64Array, Float64Array], other: tuple[Float64Array, Flo
 def _mask(light: NDArray[np.float32], differs: Mask, corners: Float64Array, cell: int) -> tuple[Mask, float]:
     """Pixels that show the tile, and their share of the outline."""
     inside = within_corners(corners / cell, differs.shape)
-    solid = ndimage.binary_fill_holes(ndimage.binary_opening(differs & inside, np.ones((3, 3))))
+    clean = ndimage.binary_opening(differs & inside, np.ones((3, 3)))
+    # Beyond the outline all counts as tile meanwhile, so that veins are closed up to it; a break is far wider.
+    closed = ndimage.minimum_filter(
+        ndimage.maximum_filter((clean | ~inside).astype(np.uint8), 2 * VEIN_CELLS + 1), 2 * VEIN_CELLS + 1
+    )
+    solid = ndimage.binary_fill_holes((closed > 0) & inside)
     visible = float(solid.sum() / max(1, inside.sum()))
     whole = np.repeat(np.repeat(np.asarray(solid, dtype=np.bool_), cell, axis=0), cell, axis=1)
     short = [(0, light.shape[axis] - whole.shape[axis]) for axis in range(2)]

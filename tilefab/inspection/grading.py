@@ -113,5 +113,8 @@ def grade_tile(
 
 def _said(defect: Defect) -> str:
     """A defect in words."""
+    if defect.kind is DefectKind.CHIP:
+        # What isn't there has no colour.
+        return f"chip of {defect.width_mm:.0f} x {defect.height_mm:.0f} mm at ({defect.x_mm:.1f}, {defect.y_mm:.1f}) mm"
     said = _SAID.get(defect.kind, defect.kind.value + " at ({x:.1f}, {y:.1f}) mm")
     return f"{said.format(x=defect.x_mm, y=defect.y_mm)}, ΔE2000 {defect.delta_e:.1f}"

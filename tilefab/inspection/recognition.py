@@ -135,7 +135,7 @@ def recognise(
     light = np.ascontiguousarray(xyz[:, :, 1])
     candidates = _candidates(light, tile, index, size_mm, settings.candidates)
     matches = _compared(light, tile, candidates, view)
-    return _judged(tile, matches, settings)
+    return _judged(tile, matches, settings, len(index))
 
 
 def _turns(tile: FoundTile, size_mm: SizeMm) -> tuple[int, ...]:
@@ -189,16 +189,18 @@ def _compared(light: Plane, tile: FoundTile, candidates: list[_Candidate], view:
     return sorted(out, key=lambda match: -match.found.likeness)
 
 
-def _judged(tile: FoundTile, matches: list[_Match], settings: RecognitionSettings) -> Recognition:
+def _judged(tile: FoundTile, matches: list[_Match], settings: RecognitionSettings, faces: int) -> Recognition:
     outline = tuple((float(x), float(y)) for x, y in tile.corners_px)
     if not matches:
-        return Recognition(None, 0, outline, 1.0, 0.0, 0.0, tile.visible, None, "there are no faces to look among")
+        why = "nothing of the tile can be compared with the faces" if faces else "there are no faces to look among"
+        return Recognition(None, 0, outline, 1.0, 0.0, 0.0, tile.visible, None, why)
     best, second = matches[0], matches[1] if len(matches) > 1 else None
     runner_up = second.found.likeness if second is not None else 0.0
     most = settings.most_differing
     if second is not None:
-        apart = difference_of_faces(best.view, second.view, best.found.compared)
-        most = min(most, max(_ALWAYS_BORNE, settings.of_apartness * apart))
+        turns = (second.candidate.quarter_turns - best.candidate.quarter_turns) % 4
+        apart = difference_of_faces(best.view, second.view, turns, best.found.compared)
+        most = min(most, max(_ALWAYS_BORNE, settings.of_apartness * min(apart, second.found.differs)))
     likeness = best.found.likeness
     doubt = _doubt(best.found, second.found if second is not None else None, most, settings)
     if doubt is not None:

@@ -15,6 +15,9 @@ from tilefab.types import Mask, SizeMm
 MOST_SIZE_ERROR = 0.04
 """A tile that differs by more than this share from its size is another tile."""
 
+VEIN_CELLS = 5
+"""Up to twice as wide, what looks like the belt may be a vein of the stone."""
+
 Float64Array = NDArray[np.float64]
 
 _LEAST_PIECE = 0.004
@@ -70,7 +73,11 @@ def tile_outline(differs: Mask, size_mm: SizeMm, scale: float | None) -> SizedBo
     scale
         Cells a millimetre, if known.
     """
-    labels, count = ndimage.label(ndimage.binary_opening(differs, np.ones((3, 3))))
+    clean = ndimage.binary_opening(differs, np.ones((3, 3)))
+    # Veins of the belt's own colour may run through the stone: what lies close by hangs together.
+    near = ndimage.uniform_filter(clean.astype(np.float32), 2 * VEIN_CELLS + 1, mode="constant") > 1e-6
+    labels, count = ndimage.label(near)
+    labels *= clean
     areas = np.bincount(labels.ravel(), minlength=count + 1)
     areas[0] = 0
     if count == 0 or areas.max() < _LEAST_TILE * differs.size:

@@ -29,7 +29,8 @@ _WINDOW_CELLS = 3.5
 _SMOOTHED_CELLS = (2.0, 1.0)
 _KEPT_ENERGY = 0.5
 _DETAIL_CELLS = 6.0
-_ALIKE = 0.5
+_ALIKE = 0.75
+_NOISE_L = 0.15
 _LEAST_CONTRAST_L = 0.15
 _FLAT = 0.15
 _BEYOND_L = 4.0
@@ -100,10 +101,13 @@ def compare(light: Plane, mask: Mask, matrix: Float64Array, view: Plane, *, lies
     return _compared(cells_of_image(light, mask, lies @ _shares(grid), grid), cells_of_view(view, grid), lies)
 
 
-def difference_of_faces(one: Plane, other: Plane, where: Mask) -> float:
-    """In which share of some places (rows, cols) two faces differ, as an image of the one would from the other."""
+def difference_of_faces(one: Plane, other: Plane, quarter_turns: int, where: Mask) -> float:
+    """In which share of some places (rows, cols) a face and another, turned clockwise, differ.
+
+    Measured as an image of the one would be compared with the other.
+    """
     grid = SizePx(*where.shape)
-    first, second = cells_of_view(one, grid), cells_of_view(other, grid)
+    first, second = cells_of_view(one, grid), cells_of_view(np.rot90(other, -quarter_turns), grid)
     found = _compared(Cells(first.lightness, where), second, np.eye(3))
     return found.differs
 
@@ -174,7 +178,9 @@ def _compared(image: Cells, face: Cells, matrix: Float64Array) -> Comparison:
     both = blurred(shown * wanted, weights, _WINDOW_CELLS)
     of_shown = blurred(shown * shown, weights, _WINDOW_CELLS)
     of_wanted = blurred(wanted * wanted, weights, _WINDOW_CELLS)
-    alike = both > np.float32(_ALIKE) * np.sqrt(of_shown * of_wanted)
+    # What noise leaves of a correlation of 1.
+    attainable = np.sqrt(of_wanted / (of_wanted + np.float32(_NOISE_L**2)))
+    alike = both > np.float32(_ALIKE) * attainable * np.sqrt(of_shown * of_wanted)
     busy = seen & (of_wanted > np.float32(_LEAST_CONTRAST_L**2))
     good = alike & busy
     gain = float(np.median(of_shown[good] / of_wanted[good])) if good.any() else 1.0

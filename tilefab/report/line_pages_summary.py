@@ -130,7 +130,7 @@ def _grade_bar(counts: TileCounts) -> Block:
 def _figures(view: LineReportView, figures: LineFigures) -> list[Block]:
     counts = figures.counts
     of_planned = "" if view.planned is None else f"of {number(view.planned, 0)} planned"
-    fired = f"{number(counts.waiting, 0)} on their way through the kiln" if counts.waiting else "all that were printed"
+    seen = f"{number(counts.waiting, 0)} printed weren't seen (yet)" if counts.waiting else "all that were printed"
 
     def share(count: int) -> str:
         return f"{percent(100 * count / counts.inspected, even=True)} of graded tiles" if counts.inspected else ""
@@ -146,7 +146,7 @@ def _figures(view: LineReportView, figures: LineFigures) -> list[Block]:
         figure_row(
             [
                 Cell(number(counts.printed, 0), "printed", of_planned),
-                Cell(number(counts.fired, 0), "fired", fired if counts.printed else ""),
+                Cell(number(counts.fired, 0), "seen behind the kiln", seen if counts.printed else ""),
                 Cell(number(counts.first, 0), "first choice", share(counts.first)),
                 Cell(number(counts.second, 0), "second choice", share(counts.second)),
                 Cell(number(counts.scrap, 0), "scrap", share(counts.scrap)),
@@ -170,7 +170,7 @@ def _figures(view: LineReportView, figures: LineFigures) -> list[Block]:
                 Cell(
                     number(alarms, 0),
                     "alarm" if alarms == 1 else "alarms",
-                    f"{number(open_alarms, 0)} still raised" if open_alarms else "none raised now",
+                    f"{number(open_alarms, 0)} without an end" if open_alarms else "all over",
                     alert=open_alarms > 0,
                 ),
             ]

@@ -81,7 +81,8 @@ def _control(view: LineReportView, loop: LoopStatistics | None) -> VerdictView:
         text += f"; the controller held {'once' if len(view.holds) == 1 else f'{len(view.holds)} times'}"
     chance = by_ewma + by_cusum
     by_chance = number(chance, 0 if chance >= 10 else 1)
-    expected = f"{number(ewma + cusum, 0)} signals of the charts, {by_chance} to be expected by chance"
+    signals = "1 signal" if ewma + cusum == 1 else f"{number(ewma + cusum, 0)} signals"
+    expected = f"{signals} of the charts of lightness, {by_chance} to be expected by chance"
     return VerdictView("Control", "fair" if odd or view.holds else "good", f"{text}; {expected}.")
 
 

@@ -30,6 +30,7 @@ from tilefab.pipeline.inspection.remembering import ChartState, PressState
 Float64Array = NDArray[np.float64]
 
 RUN_NUMBERS = 1_000_000
+_TOLD_AT_ONCE = 20
 """More corrections than any run has."""
 
 WATCHED = ("L", "a", "b")
@@ -210,7 +211,9 @@ def follow_corrections(
     """
     known = [number for number, _ in state.control.corrections]
     wanted = [(control_number(run_id, number), mean) for number, mean in ((0, begun), *made)]
-    missing = [(number, mean) for number, mean in wanted if number not in known]
+    # The controller forgets the oldest: what comes before the newest that it knows of a run was told, and is let be.
+    newest = max((number for number in known if number // RUN_NUMBERS == run_id), default=-1)
+    missing = [(number, mean) for number, mean in wanted if number > newest][-_TOLD_AT_ONCE:]
     if not missing and in_use and known[-1] != wanted[-1][0]:
         missing = wanted[-1:]
     if not missing:

@@ -29,11 +29,14 @@ class CameraImage:
         (rows, cols, 3) float32 XYZ under D50, Y = 1 for the perfect white.
     px_per_mm
         As calibrated; ``None`` if that isn't known.
+    grey
+        Whether it has no colour: then none can be measured.
     """
 
     name: str
     xyz: NDArray[np.float32] = field(repr=False)
     px_per_mm: float | None = None
+    grey: bool = False
 
 
 def read_camera_image(
@@ -69,4 +72,4 @@ def read_camera_image(
         xyz = scan_to_xyz(np.ascontiguousarray(scan.pixels), used, intent=intent, threads=threads)
     except ProfileError as error:
         raise ProfileError(f"{path}: {error.message}", path=str(path)) from error
-    return CameraImage(path.name, xyz, px_per_mm)
+    return CameraImage(path.name, xyz, px_per_mm, grey=scan.pixels.ndim == 2 or scan.pixels.shape[2] == 1)

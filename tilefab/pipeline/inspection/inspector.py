@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from tilefab.control.drift_events import Event, Rejected
-from tilefab.errors import ImageError, JournalError, ProfileError, TilefabError
+from tilefab.errors import ImageError, JournalError, OutputError, ProfileError, TilefabError
 from tilefab.inspection.records import ImageProblem, TileInspection
 from tilefab.inspection.shade import ShadeSettings, assign_lot
 from tilefab.io.inspection_records import Pictures, SeenTile, SkippedImage
@@ -39,6 +39,7 @@ _FEW_WAITING = 40
 _MOST_OF_A_JOB = 5000
 """Faces of a job that are all looked among, if a tile is none of those that were printed."""
 _SILENT_TILES = 3
+_LONG_S = 120.0
 _MISSED_LOOKS = 3
 _UNREAD_ROUNDS = 20
 """The daemon makes its journal, or brings it up to date, while it starts."""
@@ -147,6 +148,9 @@ class Inspector:
         if readable:
             self._loop.follow(now, now_s)
         done = self._look() if readable else 0
+        if done:
+            # What it took to deal with them isn't the camera's silence.
+            self._last_image_s = self._monotonic()
         self._loop.tick(self._now(), self._monotonic())
         self._watch_camera(self._now(), self._monotonic())
         self._talk()
@@ -346,7 +350,12 @@ class Inspector:
         worth, displaced_tiles = displaced(self._store.worst(run_id), bad)
         if not worth:
             return None, []
-        kept = self._pictures.keep(run_id, image.name, bad, found.tile.pictures)
+        try:
+            kept = self._pictures.keep(run_id, image.name, bad, found.tile.pictures)
+        except OutputError as error:
+            # Pictures are for people; the tile counts without them.
+            self._log("picture not kept", image=image.name, why=error.message)
+            return None, []
         return kept, [(tile.inspection_id, tile.pictures) for tile in displaced_tiles if tile.pictures is not None]
 
     def _run_state(self, run_id: int) -> RunState:
@@ -404,7 +413,8 @@ class Inspector:
         if quiet_s < self._settings.silent.total_seconds():
             self._alarms.clear("camera_silent")
         elif due >= _SILENT_TILES and not self._alarms.is_up("camera_silent"):
-            text = f"no image for {quiet_s / 60.0:.0f} minutes, though {due} tiles should have left the kiln"
+            quiet = f"{quiet_s / 60.0:.0f} minutes" if quiet_s >= _LONG_S else f"{quiet_s:.0f} seconds"
+            text = f"no image for {quiet}, though {due} tiles should have left the kiln"
             self._alarms.raise_alarm("camera_silent", text)
 
     def _talk(self) -> None:

@@ -6,6 +6,7 @@ from collections import OrderedDict
 from collections.abc import Sequence
 
 from tilefab.config.line import LineFile
+from tilefab.control.ledger import ArmState
 from tilefab.errors import JournalError
 from tilefab.io.drift_file import parse_drift
 from tilefab.io.journal import CorrectionRecord, Journal, PrintRecord
@@ -39,7 +40,7 @@ class JobPrints:
 
     def __init__(self, plan: Plan, line_file: LineFile, progress: Progress) -> None:
         self._plan, self._progress = plan, progress
-        self._newest: dict[int, PrintRecord] = {}
+        self._prints: dict[int, list[PrintRecord]] = {}
         self._corrections: dict[tuple[int, int], CorrectionRecord] = {}
         self._maps: OrderedDict[tuple[int, int], TextureMap] = OrderedDict()
         with Journal.look(line_file.journal_url, line=line_file.name) as journal:
@@ -54,16 +55,22 @@ class JobPrints:
                 for made in journal.corrections(run.run_id):
                     self._corrections[run.run_id, made.number] = made
                 for print_ in sorted(journal.prints(run.run_id), key=lambda print_: print_.arm_id):
-                    self._newest[print_.face] = print_
+                    if print_.state is not ArmState.DIVERTED:  # such a tile went to scrap before the kiln
+                        self._prints.setdefault(print_.face, []).append(print_)
 
     @property
     def faces(self) -> Sequence[int]:
         """Faces that were printed, rising."""
-        return sorted(self._newest)
+        return sorted(self._prints)
 
     def newest(self, face: int) -> PrintRecord | None:
         """The last print of a face; ``None`` if it never was."""
-        return self._newest.get(face)
+        prints = self._prints.get(face)
+        return prints[-1] if prints else None
+
+    def prints(self, face: int) -> Sequence[PrintRecord]:
+        """All prints of a face whose tiles may have been fired, oldest first."""
+        return self._prints.get(face, ())
 
     def correction(self, print_: PrintRecord) -> CorrectionRecord | None:
         """The correction that a print was made with; ``None`` if with none."""
@@ -71,7 +78,7 @@ class JobPrints:
 
     def printed_with(self, face: int) -> PrintedWith:
         """How a face was printed last."""
-        print_ = self._newest.get(face)
+        print_ = self.newest(face)
         if print_ is None or print_.correction == 0:
             return AS_THE_JOB_SAYS
         return PrintedWith(print_.correction, self.press(print_))

@@ -62,7 +62,7 @@ class KeptPictures:
         OutputError
             If they can't be written.
         """
-        stem = f"run_{run_id}/{Path(name).stem}"
+        stem = f"run_{run_id}/{name}"
         kept = Pictures(bad, f"{stem}_predicted.png", f"{stem}_fired.png")
         atomic_write_bytes(self._folder / kept.predicted, _png(pictures.predicted))
         atomic_write_bytes(self._folder / kept.fired, _png(pictures.fired))

@@ -56,6 +56,7 @@ _IN_WORDS = {
     ImageProblem.WRONG_SIZE: "images of a tile of another size",
 }
 _WORST = 10
+_MOST_RUNS = 100_000
 
 
 @dataclass(frozen=True)
@@ -95,19 +96,29 @@ def reported_runs(line_file: LineFile, run_id: int | None, span: Span) -> list[R
         If there is no such run.
     """
     with Journal.look(line_file.journal_url, line=line_file.name) as journal:
-        runs = journal.runs(last=1000)
+        runs = journal.runs(last=_MOST_RUNS)
         if run_id is not None:
             runs = [run for run in runs if run.run_id == run_id]
         elif span.whole:
             runs = runs[-1:]
         else:
-            runs = [run for run in runs if any(span.holds(print_.printed_at) for print_ in journal.prints(run.run_id))]
+            printed = {print_.run_id for print_ in journal.prints(since=span.begun, until=span.ended)}
+            runs = [run for run in runs if run.run_id in printed | _seen_runs(line_file, span)]
     if not runs:
         what = f"run {run_id}" if run_id is not None else "run" if span.whole else "run that printed in that time"
         raise JournalError(
             f"{line_file.journal_url}: line {line_file.name!r} has no {what}", path=line_file.journal_url
         )
     return runs
+
+
+def _seen_runs(line_file: LineFile, span: Span) -> set[int]:
+    """Runs of which tiles came out of the kiln in a span."""
+    url = store_url(line_file)
+    if not InspectionStore.exists(url, line=line_file.name):
+        return set()
+    with InspectionStore.look(url, line=line_file.name) as store:
+        return {tile.run_id for tile in store.tiles(since=span.begun, until=span.ended) if tile.run_id is not None}
 
 
 def line_report_view(
@@ -155,7 +166,7 @@ class _Gathered:
         self.line_file, self.run, self.span = line_file, run, span
         run_id = run.run_id
         with Journal.look(line_file.journal_url, line=line_file.name) as journal:
-            self.arms = [arm for arm in journal.arms(run_id) if span.holds(arm.printed_at) and arm.printed_at]
+            arms = [arm for arm in journal.arms(run_id) if arm.printed_at is not None]
             self.corrections = journal.corrections(run_id)
             begun = span.begun or run.begun_at
             self.notes = journal.notes_between(begun, span.ended or run.finished_at, kinds=("state", "alarm", "kiln"))
@@ -167,12 +178,16 @@ class _Gathered:
         self.worst: list[InspectionRecord] = []
         self.innovations: list[InnovationRecord] = []
         self.alarms: list[InspectionAlarm] = []
+        # A tile belongs to the shift in which it was photographed, or printed as long as it wasn't photographed.
+        self.arms = [arm for arm in arms if span.holds(arm.printed_at)]
         url = store_url(line_file)
         if not InspectionStore.exists(url, line=line_file.name):
             return
         with InspectionStore.look(url, line=line_file.name) as store:
             since, until = span.begun, span.ended
             self.tiles = [tile for tile in store.tiles(run_id) if not tile.repeat]
+            taken = {tile.arm_id: tile.taken_at for tile in self.tiles}
+            self.arms = [arm for arm in arms if span.holds(taken.get(arm.arm_id, arm.printed_at))]
             last = max((tile.taken_at for tile in self.tiles), default=run.begun_at)
             seen_until = until or last + timedelta(seconds=1)
             self.others = [
@@ -229,7 +244,7 @@ class _View:
             holds=inspector_alarms([alarm for alarm in of.alarms if alarm.code == HELD]),
             downtime=stops(of.notes, ended),
             alarms=self._alarms(),
-            lots=shade_lots([tile for tile in of.tiles if of.span.holds(tile.printed_at)]),
+            lots=shade_lots([tile for tile in of.tiles if of.span.whole or of.span.holds(tile.taken_at)]),
             inks=facts.inks(len(tiles)) if facts is not None else (),
             shifts=shifts(begun, ended, self.utc_offset) if of.span.whole else (),
             limits=self._limits(),
@@ -282,11 +297,17 @@ class _View:
             image=found.image,
             grade=found.grade,
             colour=found.colour,
-            dimensions=_dimensions(found.sizes),
+            dimensions=_dimensions(found.sizes, self._calibrated),
             defects=tuple(self.of.defects.get(found.inspection_id, ())),
             lot=found.shade_lot,
             reasons=self.of.reasons.get(found.inspection_id, ()),
         )
+
+    @property
+    def _calibrated(self) -> bool:
+        """Whether the line's camera knows its scale."""
+        camera = self.of.line_file.line.camera
+        return camera is not None and camera.px_per_mm is not None
 
     def _unreadable(self) -> tuple[tuple[str, int], ...]:
         counted = Counter(tile.problem for tile in self.of.others if tile.problem is not None)
@@ -337,7 +358,7 @@ def _innovation(one: InnovationRecord) -> InnovationView:
     return InnovationView(one.at.timestamp(), one.values[0], one.accepted)
 
 
-def _dimensions(sizes: tuple[float, float, float, float, float] | None) -> TileDimensions | None:
+def _dimensions(sizes: tuple[float, float, float, float, float] | None, calibrated: bool) -> TileDimensions | None:
     """Dimensions from what the store holds in columns: means of opposite sides stand for each of them."""
     if sizes is None:
         return None
@@ -352,7 +373,7 @@ def _dimensions(sizes: tuple[float, float, float, float, float] | None) -> TileD
         straightness_percent=straightness,
         rectangularity_mm=rectangularity / 100.0 * long,
         rectangularity_percent=rectangularity,
-        scale_known=True,
+        scale_known=calibrated,
     )
 
 

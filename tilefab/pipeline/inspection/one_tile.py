@@ -28,6 +28,7 @@ from tilefab.sampling import TextureMap
 Float32Array = NDArray[np.float32]
 
 _PICTURE_PX = 360
+_LEAST_PX_PER_MM = 1.0
 _LEAST_LIKENESS = 0.2
 """Correlation of a tile with its own face at full size, below which it can't be measured."""
 
@@ -159,7 +160,8 @@ class TileInspector:
         face = recognition.face
         if face is None:
             raise ValueError("only a tile that was recognised can be measured")
-        factor = self.faces.factor(image.px_per_mm or _px_per_mm(recognition, self.faces))
+        camera_px_per_mm = image.px_per_mm or _px_per_mm(recognition, self.faces)
+        factor = self.faces.factor(camera_px_per_mm)
         px_per_mm = self.faces.px_per_mm(factor)
         target = self.faces.xyz(face, factor)
         printed = target if how.press is None else self.faces.xyz(face, factor, how.press)
@@ -177,7 +179,7 @@ class TileInspector:
         of_print = regions
         if how.press is not None:
             of_print = region_colours(printed, fired, inks, valid, px_per_mm, region_mm=self._region_mm)
-        colour = colour_figures(regions)
+        colour = None if image.grey else colour_figures(regions)
         defects = find_defects(
             _lab(printed),
             _lab(fired),
@@ -189,8 +191,17 @@ class TileInspector:
         )
         shift_mm, turn_deg = _lie(outline, laid.matrix, shape, px_per_mm)
         grade, reasons = grade_tile(colour, dimensions, defects, shift_mm, self._tolerances)
+        if image.grey:
+            reasons = (*reasons, "the image is grey: colour was not measured")
+        if camera_px_per_mm < _LEAST_PX_PER_MM:
+            reasons = (
+                *reasons,
+                f"the image has {camera_px_per_mm:.1f} pixels a millimetre: too few to see small defects",
+            )
         inspection = TileInspection(recognition, colour, dimensions, defects, grade, reasons, shift_mm, turn_deg)
         pictures = TilePictures(picture_of(target, _PICTURE_PX), picture_of(fired, _PICTURE_PX))
+        if image.grey:
+            return InspectedTile(inspection, how.number, None, None, pictures, fired, target, px_per_mm)
         return InspectedTile(inspection, how.number, regions, of_print, pictures, fired, target, px_per_mm)
 
     def _laid(

@@ -45,6 +45,8 @@ class TracedTile:
         Of the press.
     file
         Its print file in the job's folder; empty if it has none.
+    prints
+        How often its face was printed on the line, scrapped ones left out; the last of these is told of.
     """
 
     recognition: Recognition
@@ -62,6 +64,7 @@ class TracedTile:
     profile: str = ""
     profile_sha256: str = ""
     file: str = ""
+    prints: int = 0
 
 
 def trace_tile(
@@ -109,6 +112,7 @@ def trace_tile(
         profile=plan.press_profile.description,
         profile_sha256=plan.press_profile.sha256,
         file=file,
+        prints=len(prints.prints(face)) if prints is not None else 0,
     )
 
 
@@ -167,7 +171,7 @@ def reprint_tile(
         compared = _is_what_was_received(line_file, print_, pixels)
     else:
         check_face_record(plan, face, pixels)
-    write_print_tiff(path, pixels, print_tags(plan, maps.press, face))
+    write_print_tiff(path, pixels, print_tags(plan, press, face))
     return compared
 
 
