@@ -17,7 +17,7 @@ from tilefab.inspection.fingerprint import FaceView, FingerprintIndex, code_bits
 from tilefab.inspection.records import ImageProblem, Recognition
 from tilefab.inspection.verification import COMPARED_PX, Comparison, compare, difference_of_faces
 from tilefab.inspection.views import Plane, cells_of_image, face_corners, matrix_of
-from tilefab.types import FloatImage, SizeMm, SizePx
+from tilefab.types import FloatImage, Mask, SizeMm, SizePx
 
 Float64Array = NDArray[np.float64]
 
@@ -33,8 +33,9 @@ PROBLEM_WORDS = {
 
 _NEARLY_SQUARE = 0.05
 _TRIED_SCALES = (1.0, 0.987, 1.013)
+_DISPLACED_CELLS, _DISPLACED_SCALES = 0.45, (1.0, 1.015)
 _UNIT = SizePx(1, 1)
-_SURELY_ALIKE = 0.7
+_SURELY_ALIKE = 0.1
 _FAR_SHARE = 0.1
 _ALWAYS_BORNE = 0.02
 # A face turned clockwise once more lies with its (x, y) where (1 - y, x) of the face lay.
@@ -133,9 +134,12 @@ def recognise(
     if isinstance(tile, ImageProblem):
         return Recognition(None, 0, (), 1.0, 0.0, 0.0, 0.0, tile, PROBLEM_WORDS[tile])
     light = np.ascontiguousarray(xyz[:, :, 1])
-    candidates = _candidates(light, tile, index, size_mm, settings.candidates)
-    matches = _compared(light, tile, candidates, view)
-    return _judged(tile, matches, settings, len(index))
+    for poses in (_poses(tile), _displaced(tile, index.grid)):
+        candidates = _candidates(light, tile, poses, index, _turns(tile, size_mm), settings.candidates)
+        said = _judged(tile, _compared(light, tile, candidates, view), settings, len(index))
+        if said.face is not None or len(index) == 0:
+            break
+    return said
 
 
 def _turns(tile: FoundTile, size_mm: SizeMm) -> tuple[int, ...]:
@@ -145,29 +149,66 @@ def _turns(tile: FoundTile, size_mm: SizeMm) -> tuple[int, ...]:
     return (1, 3) if tile.across else (0, 2)
 
 
+def _poses(tile: FoundTile) -> list[Float64Array]:
+    """Corners of the tile as it was found; if its size wasn't seen, of some sizes."""
+    return [tile.scaled(scale) for scale in ((1.0,) if tile.measured else _TRIED_SCALES)]
+
+
+def _displaced(tile: FoundTile, grid: SizePx) -> list[Float64Array]:
+    """Corners where the face may lie instead: printed off the tile's middle, or with sides that look like the belt."""
+    across, down = tile.corners_px[1] - tile.corners_px[0], tile.corners_px[3] - tile.corners_px[0]
+    steps = (-_DISPLACED_CELLS / max(grid.rows, grid.cols), 0.0, _DISPLACED_CELLS / max(grid.rows, grid.cols))
+    longest = max(float(np.linalg.norm(across)), float(np.linalg.norm(down)))
+    across, down = across * longest / np.linalg.norm(across), down * longest / np.linalg.norm(down)
+    middle = tile.corners_px.mean(axis=0)
+    return [
+        middle + scale * (tile.corners_px - middle) + right * across + below * down
+        for scale in _DISPLACED_SCALES
+        for below in steps
+        for right in steps
+    ]
+
+
 def _candidates(
-    light: Plane, tile: FoundTile, index: FingerprintIndex, size_mm: SizeMm, count: int
+    light: Plane,
+    tile: FoundTile,
+    poses: list[Float64Array],
+    index: FingerprintIndex,
+    turns: tuple[int, ...],
+    count: int,
 ) -> list[_Candidate]:
     """The faces whose fingerprints differ least from the tile, least first, each as it fits best."""
-    if len(index) == 0:
-        return []
-    scales = (1.0,) if tile.measured else _TRIED_SCALES
-    ways = [(turns, face_corners(tile.scaled(scale), turns)) for scale in scales for turns in _turns(tile, size_mm)]
-    coded = [
-        code_bits(cells_of_image(light, tile.mask, matrix_of(corners, index.grid), index.grid)) for _, corners in ways
-    ]
-    known = np.stack([mask for _, mask in coded])
-    counts = known.sum(axis=(1, 2))
-    if counts.min() == 0:
-        return []
-    shares = index.differing(np.stack([bits for bits, _ in coded]), known) / counts[:, np.newaxis]
     best: dict[int, _Candidate] = {}
-    for (turns, corners), row in zip(ways, shares, strict=True):
-        for place in np.argpartition(row, min(count, len(row)) - 1)[:count]:
-            face, share = int(index.faces[place]), float(row[place])
-            if face not in best or share < best[face].share:
-                best[face] = _Candidate(share, face, turns, corners)
+    for pose in poses if len(index) else ():
+        bits, known = _coded(light, tile, pose, index.grid, turns)
+        counts = known.sum(axis=(1, 2))
+        if counts.min() == 0:
+            continue
+        shares = index.differing(bits, known) / counts[:, np.newaxis]
+        for turned, row in zip(turns, shares, strict=True):
+            for place in np.argpartition(row, min(count, len(row)) - 1)[:count]:
+                face, share = int(index.faces[place]), float(row[place])
+                if face not in best or share < best[face].share:
+                    best[face] = _Candidate(share, face, turned, face_corners(pose, turned))
     return sorted(best.values(), key=lambda candidate: (candidate.share, candidate.face))[:count]
+
+
+def _coded(
+    light: Plane, tile: FoundTile, pose: Float64Array, grid: SizePx, turns: tuple[int, ...]
+) -> tuple[Mask, Mask]:
+    """Bits of the tile's cells, (T, rows, cols), for each way it may be turned, and which of them are known."""
+
+    def coded(turned: int) -> tuple[Mask, Mask]:
+        matrix = matrix_of(face_corners(pose, turned), grid)
+        return code_bits(cells_of_image(light, tile.mask, matrix, grid))
+
+    if grid.rows == grid.cols:
+        # The same cells, only in another order.
+        first = coded(turns[0])
+        both = [tuple(np.rot90(part, turned - turns[0]) for part in first) for turned in turns]
+    else:
+        both = [coded(turned) for turned in turns]
+    return np.stack([bits for bits, _ in both]), np.stack([known for _, known in both])
 
 
 def _compared(light: Plane, tile: FoundTile, candidates: list[_Candidate], view: FaceView) -> list[_Match]:
@@ -176,7 +217,7 @@ def _compared(light: Plane, tile: FoundTile, candidates: list[_Candidate], view:
     for candidate in candidates:
         small = view(candidate.face, COMPARED_PX)
         best = max(out, key=lambda match: match.found.likeness, default=None)
-        if best is not None and best.found.likeness > _SURELY_ALIKE:
+        if best is not None and best.found.differs < _SURELY_ALIKE:
             if len(out) > 1 and candidate.share > best.candidate.share + _FAR_SHARE:
                 break
             # However it is printed, the tile lies as it does.

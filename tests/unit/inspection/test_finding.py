@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from sim.tile_photo import PhotoConditions, photo_conditions
 from tests.imagined_stone import PX_PER_MM, ImaginedStone, to_xyz, true_corners
@@ -109,6 +111,16 @@ def test_torn_images() -> None:
     columns = image.copy()
     columns[:, 100:130] = 90
     assert find_tile(to_xyz(columns), SIZE) is ImageProblem.TORN
+
+
+@pytest.mark.parametrize("quality", [50, 75, 90])
+def test_compressed_and_enlarged_images_are_not_torn(quality: int) -> None:
+    image = Image.fromarray(STONE.photo(1, PhotoConditions(rotation_deg=1.0)).image)
+    file = io.BytesIO()
+    image.save(file, "JPEG", quality=quality)
+    _found(to_xyz(np.asarray(Image.open(file))))
+    larger = image.resize((2 * image.width, 2 * image.height), Image.Resampling.BICUBIC)
+    _found(to_xyz(np.asarray(larger)), px_per_mm=2.0 * PX_PER_MM)
 
 
 def test_without_noise_an_even_belt_is_not_torn() -> None:

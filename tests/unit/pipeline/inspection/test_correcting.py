@@ -196,3 +196,21 @@ def test_a_runs_state_is_the_same_after_a_restart() -> None:
     assert run_state(state.text()) == state
     assert run_state(RunState().text()) == RunState()
     assert json.loads(state.text())["schema_version"] == 1
+
+
+def test_a_run_of_more_corrections_than_the_controller_keeps_is_followed_to_its_last() -> None:
+    state = press()
+    made: list[tuple[int, np.ndarray]] = []
+    for number in range(1, 201):
+        made.append((number, np.full(3, number / 100.0)))
+        told = follow_corrections(state, 1, made, ZERO, now_s=300.0 * number, in_use=True)
+        assert told is not None
+        state = told
+        assert state.control.applied == pytest.approx(made[-1][1])
+        # Told once: nothing is new at the next round, so the interval runs.
+        assert follow_corrections(state, 1, made, ZERO, now_s=300.0 * number + 1.0, in_use=True) is None
+    # Another run comes and goes; the first one is still at its last.
+    other = follow_corrections(state, 2, [(1, np.ones(3))], ZERO, now_s=70_000.0, in_use=True)
+    assert other is not None
+    assert other.control.applied == pytest.approx(np.ones(3))
+    assert follow_corrections(other, 1, made, ZERO, now_s=70_001.0, in_use=False) is None
