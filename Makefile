@@ -75,10 +75,13 @@ docs: install
 	$(BIN)/python -m tilefab.config.reference line > docs/line_files.md
 	$(BIN)/python -m tilefab.devices.reference > docs/line_protocols.md
 
-# The shipped press profile, from the simulated press: chart, measurement file, profile.
+# The shipped press profiles, from simulated presses: chart, measurement file, profile.
 profiles: install
 	$(BIN)/python -m sim.chart -o profiles/demo_ceramic.ti3
 	$(BIN)/tilefab profile build profiles/demo_ceramic.ti3 -o profiles/demo_ceramic.icc
+	$(BIN)/tilefab profile chart -o out/demo_line --ink-names Blue,Brown,Yellow,Black --patches 800 --ink-limit 320
+	$(BIN)/python -m sim.print_chart out/demo_line.cgats -o profiles/demo_line.ti3 --press ceramic4
+	$(BIN)/tilefab profile build profiles/demo_line.ti3 -o profiles/demo_line.icc
 
 clean:
 	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tilefab.inspection.finding import FoundTile, find_tile
 from tilefab.inspection.fingerprint import FaceView, FingerprintIndex, code_bits
 from tilefab.inspection.records import ImageProblem, Recognition
-from tilefab.inspection.verification import COMPARED_PX, Comparison, compare, difference_of_faces
+from tilefab.inspection.verification import COMPARED_PX, Comparison, compare, difference_of_faces, without_cover
 from tilefab.inspection.views import Plane, cells_of_image, face_corners, matrix_of
 from tilefab.types import FloatImage, Mask, SizeMm, SizePx
 
@@ -68,7 +68,7 @@ class RecognitionSettings:
     least_seen: float = 0.25
     least_compared: float = 0.08
     least_likeness: float = 0.6
-    most_differing: float = 0.2
+    most_differing: float = 0.25
     of_apartness: float = 0.3
     least_apart: float = 0.01
 
@@ -134,8 +134,9 @@ def recognise(
     if isinstance(tile, ImageProblem):
         return Recognition(None, 0, (), 1.0, 0.0, 0.0, 0.0, tile, PROBLEM_WORDS[tile])
     light = np.ascontiguousarray(xyz[:, :, 1])
-    for poses in (_poses(tile), _displaced(tile, index.grid)):
-        candidates = _candidates(light, tile, poses, index, _turns(tile, size_mm), settings.candidates)
+    # What is seldom so is tried only if a tile isn't recognised at once.
+    for poses, cover in ((_poses(tile), False), (_poses(tile) + _displaced(tile, index.grid), True)):
+        candidates = _candidates(light, tile, poses, index, _turns(tile, size_mm), settings.candidates, cover=cover)
         said = _judged(tile, _compared(light, tile, candidates, view), settings, len(index))
         if said.face is not None or len(index) == 0:
             break
@@ -176,11 +177,16 @@ def _candidates(
     index: FingerprintIndex,
     turns: tuple[int, ...],
     count: int,
+    *,
+    cover: bool,
 ) -> list[_Candidate]:
-    """The faces whose fingerprints differ least from the tile, least first, each as it fits best."""
+    """The faces whose fingerprints differ least from the tile, least first, each as it fits best.
+
+    ``cover``: whether what stands out from the tile is left out, for it may be something that lies on it.
+    """
     best: dict[int, _Candidate] = {}
     for pose in poses if len(index) else ():
-        bits, known = _coded(light, tile, pose, index.grid, turns)
+        bits, known = _coded(light, tile, pose, index.grid, turns, cover)
         counts = known.sum(axis=(1, 2))
         if counts.min() == 0:
             continue
@@ -194,13 +200,14 @@ def _candidates(
 
 
 def _coded(
-    light: Plane, tile: FoundTile, pose: Float64Array, grid: SizePx, turns: tuple[int, ...]
+    light: Plane, tile: FoundTile, pose: Float64Array, grid: SizePx, turns: tuple[int, ...], cover: bool
 ) -> tuple[Mask, Mask]:
     """Bits of the tile's cells, (T, rows, cols), for each way it may be turned, and which of them are known."""
 
     def coded(turned: int) -> tuple[Mask, Mask]:
         matrix = matrix_of(face_corners(pose, turned), grid)
-        return code_bits(cells_of_image(light, tile.mask, matrix, grid))
+        cells = cells_of_image(light, tile.mask, matrix, grid)
+        return code_bits(without_cover(cells) if cover else cells)
 
     if grid.rows == grid.cols:
         # The same cells, only in another order.
@@ -216,7 +223,7 @@ def _compared(light: Plane, tile: FoundTile, candidates: list[_Candidate], view:
     out: list[_Match] = []
     for candidate in candidates:
         small = view(candidate.face, COMPARED_PX)
-        best = max(out, key=lambda match: match.found.likeness, default=None)
+        best = max(out, key=lambda match: match.found.agrees, default=None)
         if best is not None and best.found.differs < _SURELY_ALIKE:
             if len(out) > 1 and candidate.share > best.candidate.share + _FAR_SHARE:
                 break
@@ -227,7 +234,7 @@ def _compared(light: Plane, tile: FoundTile, candidates: list[_Candidate], view:
         else:
             matrix = matrix_of(candidate.corners_px, _UNIT)
             out.append(_Match(candidate, small, compare(light, tile.mask, matrix, small)))
-    return sorted(out, key=lambda match: -match.found.likeness)
+    return sorted(out, key=lambda match: -match.found.agrees)
 
 
 def _judged(tile: FoundTile, matches: list[_Match], settings: RecognitionSettings, faces: int) -> Recognition:

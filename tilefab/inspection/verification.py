@@ -33,7 +33,12 @@ _ALIKE = 0.75
 _NOISE_L = 0.15
 _LEAST_CONTRAST_L = 0.15
 _FLAT = 0.15
-_BEYOND_L = 4.0
+_BEYOND_L = 1.5
+_BEYOND_SHARE = 0.1
+_BEYOND_SPREADS = 4.0
+_LEAST_FITTED = 64
+_FITTED_SIDE = 24
+_FITS = 5
 _COVER_MARGIN = 7
 _LEAST_COVER = 0.004
 
@@ -67,6 +72,11 @@ class Comparison:
         """Share of what could be compared that differs, 0 to 1; 1 if nothing could be."""
         count = int(self.compared.sum())
         return 1.0 - float((self.alike & self.compared).sum()) / count if count else 1.0
+
+    @property
+    def agrees(self) -> float:
+        """Share of the face where it was found alike."""
+        return float((self.alike & self.compared).mean())
 
     @property
     def share(self) -> float:
@@ -142,6 +152,7 @@ def _aligned(light: Plane, mask: Mask, matrix: Float64Array, face: Cells) -> tup
     correlation = 0.0
     for _ in range(_STEPS):
         cells = cells_of_image(light, mask, matrix @ _shares(grid), grid)
+        cells = without_cover(cells, face)
         if not cells.seen.any():
             return matrix, 0.0
         seen = Cells(face.lightness, cells.seen)
@@ -171,6 +182,7 @@ def _aligned(light: Plane, mask: Mask, matrix: Float64Array, face: Cells) -> tup
 
 
 def _compared(image: Cells, face: Cells, matrix: Float64Array) -> Comparison:
+    image = without_cover(image, face)
     seen = image.seen
     weights = seen.astype(np.float32)
     shown, wanted = detail(image, _DETAIL_CELLS), detail(Cells(face.lightness, seen), _DETAIL_CELLS)
@@ -184,13 +196,7 @@ def _compared(image: Cells, face: Cells, matrix: Float64Array) -> Comparison:
     busy = seen & (of_wanted > np.float32(_LEAST_CONTRAST_L**2))
     good = alike & busy
     gain = float(np.median(of_shown[good] / of_wanted[good])) if good.any() else 1.0
-    flat = of_shown < np.float32(_FLAT * gain) * of_wanted
-    level = blurred(image.lightness - face.lightness, weights, _WINDOW_CELLS)
-    offset = float(np.median(level[good])) if good.any() else float(np.median(level[seen])) if seen.any() else 0.0
-    smooth = blurred(face.lightness, np.ones_like(weights), _WINDOW_CELLS)
-    own = blurred(image.lightness, weights, _WINDOW_CELLS) - offset
-    beyond = (own < smooth.min() - _BEYOND_L) | (own > smooth.max() + _BEYOND_L)
-    covered = seen & ~alike & ((flat & busy) | beyond)
+    covered = busy & ~alike & (of_shown < np.float32(_FLAT * gain) * of_wanted)
     if covered.mean() > _LEAST_COVER:
         covered = ndimage.maximum_filter(covered, size=2 * _COVER_MARGIN + 1)
     compared = busy & ~covered
@@ -198,6 +204,45 @@ def _compared(image: Cells, face: Cells, matrix: Float64Array) -> Comparison:
     norm = float(np.sqrt((shown * shown * keep).sum() * (wanted * wanted * keep).sum()))
     likeness = float((shown * wanted * keep).sum()) / norm if norm > 0.0 else 0.0
     return Comparison(matrix, alike, compared, float((seen & ~covered).mean()), likeness)
+
+
+def without_cover(image: Cells, face: Cells | None = None) -> Cells:
+    """The image less cells much lighter or darker than any of the face: something lies there.
+
+    Light, camera and firing may differ by a smooth surface (of degree 2, fitted robustly). Without a face the image's
+    own spread about such a surface stands for it.
+    """
+    rows, cols = image.seen.shape
+    if int(image.seen.sum()) < _LEAST_FITTED:
+        return image
+    x, y = np.linspace(-1.0, 1.0, cols), np.linspace(-1.0, 1.0, rows)[:, np.newaxis]
+    one = np.ones((rows, cols))
+    basis = np.stack([one, one * x, one * y, one * x * x, x * y, one * y * y], axis=-1)
+    change = image.lightness if face is None else image.lightness - face.lightness
+    # Every few cells are enough to fit six numbers.
+    step = max(1, min(rows, cols) // _FITTED_SIDE)
+    some = image.seen[::step, ::step]
+    design, values = basis[::step, ::step][some], change[::step, ::step][some].astype(np.float64)
+    fitted = np.full(len(values), float(np.median(values)))
+    for _ in range(_FITS):
+        away = np.abs(values - fitted)
+        spread = max(1.4826 * float(np.median(away)), 1e-3)
+        weight = 1.0 / (1.0 + (away / spread) ** 2)
+        normal = design.T @ (weight[:, np.newaxis] * design) + 1e-6 * len(values) * np.eye(6)
+        coefficients = np.linalg.solve(normal, design.T @ (weight * values))
+        fitted = design @ coefficients
+    own = image.lightness - (basis @ coefficients).astype(np.float32)
+    if face is None:
+        reach = _BEYOND_SPREADS * spread + _BEYOND_L
+        beyond = np.abs(own) > reach
+    else:
+        low, high = float(face.lightness.min()), float(face.lightness.max())
+        slack = _BEYOND_L + _BEYOND_SHARE * (high - low)
+        beyond = (own < low - slack) | (own > high + slack)
+    if not (beyond & image.seen).any():
+        return image
+    hidden = ndimage.maximum_filter(beyond, size=2 * max(1, max(rows, cols) // 64) + 1)
+    return Cells(image.lightness, image.seen & ~hidden)
 
 
 def _without_noise(shown: Plane, wanted: Plane, weights: Plane) -> tuple[Plane, Plane]:

@@ -16,7 +16,7 @@ from tilefab.types import Mask, SizeMm, SizePx
 Plane = NDArray[np.float32]
 
 _LEAST_SUB, _MOST_SUB = 3, 16
-_PLACES_PER_PX = 0.7
+_PLACES_PER_PX = 1.0
 _LEAST_SHARE = 0.5
 _LEAST_AROUND = 0.02
 
