@@ -34,7 +34,7 @@ class ShapeLimits:
         Least mean CIEDE2000, area and mean width of a patch at the face's edge that is a chip.
     """
 
-    spot_delta_e: float = 2.3
+    spot_delta_e: float = 2.0
     line_delta_e: float = 1.8
     line_length_mm: float = 2.0
     line_slimness: float = 4.0
@@ -87,15 +87,40 @@ class GradeLimits:
         return Grade.SCRAP if size >= limits.get(kind, 0.0) else Grade.SECOND
 
 
+def core_of(patch: Mask, rest: FloatImage, strength: FloatImage) -> tuple[Mask, Float64Array]:
+    """What stands out of a patch, and how.
+
+    Parameters
+    ----------
+    patch
+        (h, w) bool, the pixels.
+    rest
+        (h, w, 3) CIELAB, the residual without its slow part.
+    strength
+        (h, w) how far each pixel stands out, over the least that is reported; 0 for pixels that only lie around.
+
+    Returns
+    -------
+    core, mean
+        (h, w) bool, pixels of at least half its height: what blur adds on either side, it takes from the height. It
+        may be empty. (3,) their mean residual.
+    """
+    mean = np.average(rest[patch].astype(np.float64), axis=0, weights=strength[patch])
+    along = np.where(patch, rest.astype(np.float64) @ mean, 0.0)
+    high = float(np.quantile(along[patch], _PEAK))
+    core = patch & (along > 0.5 * high) & (along > 0.0)
+    return core, rest[core].mean(axis=0, dtype=np.float64) if core.any() else np.zeros(3)
+
+
 def classed(
-    patch: Mask,
+    core: Mask,
+    mean: Float64Array,
     top: int,
     left: int,
-    rest: FloatImage,
     expected: FloatImage,
     px_per_mm: float,
     at_edge: bool,
-    strength: FloatImage,
+    severity: float,
     shapes: ShapeLimits,
     grades: GradeLimits,
 ) -> Defect | None:
@@ -103,44 +128,36 @@ def classed(
 
     Parameters
     ----------
-    patch
-        (h, w) bool, the pixels.
+    core, mean
+        See `core_of`; at least one pixel.
     top, left
-        Where its upper left pixel lies.
-    rest, expected
-        (h, w, 3) CIELAB: the residual without its slow part, and the prediction as fired.
+        Where the upper left pixel lies.
+    expected
+        (h, w, 3) CIELAB: the prediction as fired.
     px_per_mm
         Resolution.
     at_edge
         Whether it reaches the strip along the face's edges.
-    strength
-        (h, w) how far each pixel stands out, over the least that is reported; 0 for pixels that only lie around.
+    severity
+        How far it stands out, over the least that is reported.
     shapes, grades
         How patches are told apart and graded.
 
     Returns
     -------
     Defect or None
-        None if what stands out of it is too faint to be seen.
+        None if it is too faint to be seen.
     """
-    mean = np.average(rest[patch].astype(np.float64), axis=0, weights=strength[patch])
-    direction = mean / max(float(np.linalg.norm(mean)), 1e-9)
-    along = np.where(patch, rest.astype(np.float64) @ direction, 0.0)
-    high = float(np.quantile(along[patch], _PEAK))
-    # As wide as at half its height: what blur adds on either side, it takes from the height.
-    core = patch & (along > 0.5 * high)
-    if not core.any():
-        return None
     rows, cols = np.nonzero(core)
     area = len(rows) / px_per_mm**2
     length, width = _extent(rows, cols, px_per_mm)
     diameter = 2.0 * np.sqrt(area / np.pi)
     slim = length >= shapes.line_length_mm and length >= shapes.line_slimness * width
     before = expected[core].mean(axis=0, dtype=np.float64)
-    difference = float(delta_e_2000(before, before + rest[core].mean(axis=0, dtype=np.float64)))
+    difference = float(delta_e_2000(before, before + mean))
     if difference < (shapes.line_delta_e if slim else shapes.spot_delta_e):
         return None
-    darker = direction[0] < 0.0
+    darker = mean[0] < 0.0
     size: float
     if at_edge and difference >= shapes.chip_delta_e and area >= shapes.chip_mm2 and width >= shapes.chip_width_mm:
         kind, size = DefectKind.CHIP, area
@@ -158,7 +175,7 @@ def classed(
         (int(rows.max()) - int(rows.min()) + 1) / px_per_mm,
         area,
         difference,
-        max(float(strength[patch].max()), 1.0),
+        max(severity, 1.0),
         grades.of(kind, size=size),
     )
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import ndimage
 
 from tilefab.colour import delta_e_2000
-from tilefab.inspection.defect_classes import GradeLimits, ShapeLimits, chips_of, classed
+from tilefab.inspection.defect_classes import GradeLimits, ShapeLimits, chips_of, classed, core_of
 from tilefab.inspection.defect_print import PressColours, PrintLimits, print_defects
 from tilefab.inspection.defect_profiles import ProfileSettings, Stripe, stripes_of
 from tilefab.inspection.defect_residual import (
@@ -26,6 +26,7 @@ from tilefab.inspection.defect_residual import (
     whitened_by_noise,
 )
 from tilefab.inspection.defect_search_kernels import line_strengths
+from tilefab.inspection.defect_witnesses import Witnesses
 from tilefab.inspection.records import Defect, DefectKind, Grade
 from tilefab.types import FloatImage, Mask
 
@@ -54,6 +55,9 @@ class DefectSettings:
     rare_colours
         How much more contrast is asked for, as a share, where the face has colours that are found hardly anywhere else
         on the tile, so that what the firing does to them isn't known.
+    most_witnessed
+        Share of its difference that a patch's likes elsewhere on the tile may show: if they show more, it is the
+        firing's doing.
     blob_sigmas, line_sigmas
         How far a blob's middle, or a piece of a line, must stand out of the tile's noise, standard deviations.
     largest_px_mm
@@ -67,8 +71,9 @@ class DefectSettings:
     """
 
     margin_mm: float = 0.5
-    least_contrast: float = 2.4
+    least_contrast: float = 2.2
     rare_colours: float = 2.0
+    most_witnessed: float = 0.2
     blob_sigmas: float = 8.0
     line_sigmas: float = 9.0
     largest_px_mm: float = 1.6
@@ -143,7 +148,7 @@ def find_defects(
     if not found:
         # On a print that is wrong all over, nothing else can be told.
         stripes = _stripes(rest, px_per_mm, inks, settings)
-        found = _without_echoes(stripes + _patches(rest, stripes, px_per_mm, settings))
+        found = _without_echoes(stripes + _patches(rest, stripes, px_per_mm, inks, settings))
     if tile_mask is not None:
         found += chips_of(tile_mask, px_per_mm, settings.margin_mm, settings.shapes, settings.grades)
     return tuple(sorted(found, key=lambda defect: (-_ORDER[defect.grade], -defect.severity)))
@@ -261,7 +266,9 @@ def _stripe(
     )
 
 
-def _patches(rest: Residual, stripes: list[Defect], px_per_mm: float, settings: DefectSettings) -> list[Defect]:
+def _patches(
+    rest: Residual, stripes: list[Defect], px_per_mm: float, inks: FloatImage | None, settings: DefectSettings
+) -> list[Defect]:
     """Blobs and thin lines, but for what is found as a stripe."""
     rows, cols = rest.weight.shape
     level, weight, likes = rest.fine, rest.weight, rest.likes
@@ -289,8 +296,7 @@ def _patches(rest: Residual, stripes: list[Defect], px_per_mm: float, settings: 
             reach_mm = stripe.width_mm / 2.0 + _STRIPE_BLUR_MM
             left, right = (round((stripe.x_mm + side * reach_mm) * px_per_mm) for side in (-1, 1))
             strength[:, max(left, 0) : right + 1] = 0.0
-    marked = strength > 0.0
-    return _as_defects(marked, strength, rest, px_per_mm, settings)
+    return _as_defects(strength, rest, inks, px_per_mm, settings)
 
 
 def _less_rows(values: FloatImage, weight: FloatImage) -> FloatImage:
@@ -339,33 +345,42 @@ def _cut_down(lengths: FloatImage) -> FloatImage:
 
 
 def _as_defects(
-    marked: Mask, strength: FloatImage, rest: Residual, px_per_mm: float, settings: DefectSettings
+    strength: FloatImage, rest: Residual, inks: FloatImage | None, px_per_mm: float, settings: DefectSettings
 ) -> list[Defect]:
     """Patches, with those close to each other joined, as defects."""
+    marked = strength > 0.0
     if not marked.any():
         return []
     joined = ndimage.binary_dilation(marked, _disc(max(round(_JOIN_MM * px_per_mm), 1)))
     labels, count = ndimage.label(joined, np.ones((3, 3)))
     pad = max(round(_JOIN_MM * px_per_mm), 1) + 1
-    found = []
+    found: list[Defect] = []
+    witnesses: Witnesses | None = None
     for number, box in enumerate(ndimage.find_objects(labels, max_label=count), 1):
         patch = labels[box] == number
         patch &= rest.weight[box] > 0.0
         if not (patch & (strength[box] > 0.0)).any():
             continue
+        core, mean = core_of(patch, rest.fine[box], strength[box])
+        if not core.any():
+            continue
+        top, left = box[0].start, box[1].start
         defect = classed(
-            patch,
-            box[0].start,
-            box[1].start,
-            rest.fine[box],
+            core,
+            mean,
+            top,
+            left,
             rest.expected[box],
             px_per_mm,
             _at_edge(box, patch & (strength[box] > 0.0), rest.weight, pad),
-            strength[box],
+            float(strength[box][patch].max()),
             settings.shapes,
             settings.grades,
         )
-        if defect is not None:
+        if defect is None:
+            continue
+        witnesses = witnesses or Witnesses(rest, inks, px_per_mm)
+        if witnesses.share_shown(core, top, left, mean) < settings.most_witnessed:
             found.append(defect)
     return found
 

@@ -33,7 +33,7 @@ _ALIKE = 0.75
 _NOISE_L = 0.15
 _LEAST_CONTRAST_L = 0.15
 _FLAT = 0.15
-_BEYOND_L = 1.5
+_BEYOND_L, _BEYOND_MEAN_L = 1.5, 4.0
 _BEYOND_SHARE = 0.1
 _BEYOND_SPREADS = 4.0
 _LEAST_FITTED = 64
@@ -196,7 +196,14 @@ def _compared(image: Cells, face: Cells, matrix: Float64Array) -> Comparison:
     busy = seen & (of_wanted > np.float32(_LEAST_CONTRAST_L**2))
     good = alike & busy
     gain = float(np.median(of_shown[good] / of_wanted[good])) if good.any() else 1.0
-    covered = busy & ~alike & (of_shown < np.float32(_FLAT * gain) * of_wanted)
+    flat = busy & (of_shown < np.float32(_FLAT * gain) * of_wanted)
+    # Of means over a window a face has less of a range than of cells.
+    level = blurred(image.lightness - face.lightness, weights, _WINDOW_CELLS)
+    offset = float(np.median(level[good])) if good.any() else 0.0
+    smooth = blurred(face.lightness, np.ones_like(weights), _WINDOW_CELLS)
+    own = blurred(image.lightness, weights, _WINDOW_CELLS) - offset
+    beyond = (own < smooth.min() - _BEYOND_MEAN_L) | (own > smooth.max() + _BEYOND_MEAN_L)
+    covered = seen & ~alike & (flat | beyond)
     if covered.mean() > _LEAST_COVER:
         covered = ndimage.maximum_filter(covered, size=2 * _COVER_MARGIN + 1)
     compared = busy & ~covered
