@@ -15,6 +15,7 @@ from scipy import ndimage
 
 from tilefab.colour import delta_e_2000
 from tilefab.inspection.defect_classes import GradeLimits, ShapeLimits, chips_of, classed, core_of
+from tilefab.inspection.defect_kernels import binomial
 from tilefab.inspection.defect_print import PressColours, PrintLimits, print_defects
 from tilefab.inspection.defect_profiles import ProfileSettings, Stripe, stripes_of
 from tilefab.inspection.defect_residual import (
@@ -35,7 +36,7 @@ _LINE_REACH_MM, _LINE_WAYS = 1.0, 20
 _LINE_CANDIDATE, _CLIP = 2.5, 4.0
 _LINE_SAMPLE = 1500
 _JOIN_MM, _STRIPE_BLUR_MM = 0.3, 0.4
-_LEAST_VALID = 0.02
+_LEAST_VALID, _LEAST_ITSELF = 0.02, 0.4
 _ECHO_MM, _ECHO_SHARE = 4.0, 0.25
 _LINE_TYPICAL = 3.0
 _ORDER = {Grade.FIRST: 0, Grade.SECOND: 1, Grade.SCRAP: 2}
@@ -283,8 +284,11 @@ def _patches(
         share = np.minimum(sigmas / settings.blob_sigmas, height / least)
         if size == 1:
             share = np.maximum(share, _lines(whitened, seen, sigmas, px_per_mm, settings))
-        stands = _connected(share)
-        if stands.any():
+        if (share >= 1.0).any():
+            # What only lies beside something strong, and differs from that, is as it should be.
+            itself = np.einsum("rck,rck->rc", binomial(level), contrast)
+            share = np.where(itself >= np.float32(_LEAST_ITSELF) * height * height, share, np.float32(0.0))
+            stands = _connected(share)
             spread = np.kron(np.where(stands, share, 0.0), np.ones((size, size), dtype=np.float32))
             high, wide = (min(a, b) for a, b in zip(spread.shape, strength.shape, strict=True))
             np.maximum(strength[:high, :wide], spread[:high, :wide], out=strength[:high, :wide])

@@ -198,3 +198,30 @@ def test_misuse() -> None:
         find_defects(image, image[:30], full, PX_PER_MM)
     with pytest.raises(ValueError, match="too little"):
         find_defects(image, image, np.zeros_like(full), PX_PER_MM)
+
+
+def _with_islands(recipe: tuple[float, ...], places: list[tuple[int, int]]) -> FloatImage:
+    """A stone with small round islands of one recipe."""
+    inks = stone_inks(76)
+    down, across = np.mgrid[: inks.shape[0], : inks.shape[1]]
+    for row, col in places:
+        inks[np.hypot(down - row, across - col) < 4.0] = recipe
+    return inks
+
+
+def test_a_colour_that_fires_otherwise_is_no_defect() -> None:
+    places = [(60, 60), (60, 190), (190, 70), (200, 200), (120, 130)]
+    inks = _with_islands((0.0, 0.9, 0.9, 0.0), places)
+    island = (inks == np.array([0.0, 0.9, 0.9, 0.0], dtype=np.float32)).all(axis=2)
+    light = press_light(inks)
+    light[island] *= 0.7
+    assert defects_of(inks, light) == ()
+
+
+def test_one_of_many_alike_that_differs_is_a_defect() -> None:
+    places = [(60, 60), (60, 190), (190, 70), (200, 200), (120, 130)]
+    inks = _with_islands((0.0, 0.9, 0.9, 0.0), places)
+    light = press_light(inks)
+    light[56:65, 56:65] *= 0.6
+    (found,) = defects_of(inks, light)
+    assert (found.x_mm, found.y_mm) == pytest.approx((60.5 / PX_PER_MM, 60.5 / PX_PER_MM), abs=0.2)
