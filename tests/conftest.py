@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tilefab.sampling import Patches, TileMap, TileOptions, build_tile_map
 from tilefab.sampling.texture_map import SlabArea
-from tilefab.synthesis.quilting import quilt_torus
+from tilefab.synthesis import METHODS, SynthesisRequest
 from tilefab.types import Array, Mask, SizePx
 
 # A kernel's first call compiles it: no test may be judged by the time it takes. And a run repeats the last one.
@@ -108,7 +108,7 @@ def make_built(name: str) -> Built:
         lab, valid, size = make_stone(150, 140, 3), np.ones((150, 140), dtype=bool), SizePx(96, 90)
         stored, space, channels = lab.copy(), "lab", ("L", "a", "b")
         options = TileOptions(patches=150, active_per_cell=40.0, seed=0, threads=1)
-    quilt = quilt_torus(lab, valid, size, options.seed)
+    quilt = METHODS["quilting"](SynthesisRequest(lab, valid, size, options.seed))
     texture_map = build_tile_map(
         lab,
         valid,

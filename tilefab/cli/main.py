@@ -13,7 +13,7 @@ import typer
 
 import tilefab
 from tilefab.cli import inspect as line_inspect
-from tilefab.cli import line, line_report, maps, profile, tiles
+from tilefab.cli import line, line_report, maps, profile, synth, texture, tiles
 from tilefab.cli.common import (
     FileOption,
     JobArgument,
@@ -26,6 +26,7 @@ from tilefab.cli.common import (
 )
 from tilefab.cli.progress import Bars
 from tilefab.cli.show import show_outcome, show_plan
+from tilefab.cli.synth_stop import StoppedEarly
 from tilefab.errors import ConfigError, Problem, TilefabError
 from tilefab.io.faces import check_preview_path, write_preview
 from tilefab.pipeline.describe import outcome_facts, plan_facts
@@ -64,9 +65,11 @@ app.add_typer(job_app, name="job")
 app.add_typer(maps.app, name="map")
 app.add_typer(profile.app, name="profile")
 app.add_typer(line.app, name="line")
+app.add_typer(texture.app, name="texture")
 line.app.command("inspect")(line_inspect.inspect)
 line.app.command("inspected")(line_report.inspected)
 line.app.command("report")(line_report.report)
+app.command("synth")(synth.synth)
 app.command("inspect")(tiles.inspect)
 app.command("trace")(tiles.trace)
 
@@ -233,6 +236,8 @@ def main() -> None:
     except TilefabError as error:
         typer.echo("\n".join(f"error: {line}" for line in error.message.splitlines()), err=True)
         sys.exit(error.exit_code)
+    except StoppedEarly:
+        raise
     except SystemExit as end:
         # Typer ends an interrupted command itself, without a word.
         if end.code == INTERRUPTED:

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from tilefab.synthesis import METHODS
+
+if TYPE_CHECKING:
+    MethodName: TypeAlias = str
+else:
+    # Whatever methods there are: pydantic checks against their names, and lists them.
+    MethodName = Literal[tuple(METHODS)]
 
 SCHEMA_VERSION = 1
 LARGEST_FACE_PX = 1 << 30
 """More pixels than this a face can't have: some 3.3 m square at 250 dpi."""
 
 OF_DESIGN = {
-    "crops": ("crops", "ration", "drop", "keep"),
+    "crops": ("crops", "ration", "drop", "keep", "grow", "grown_size_mm"),
     "tile": ("method", "map_size_mm", "patches", "active_per_cell"),
 }
 """Settings of [texture] that mean something to one design only."""
@@ -122,7 +130,19 @@ class Texture(Section):
         max_length=4096,
         description="The only crops to show, less those in `drop`; empty: all (crops only).",
     )
-    method: Literal["quilting"] = Field("quilting", description="How the repeatable tile is grown (tile only).")
+    grow: MethodName | None = Field(
+        None,
+        description="Grow the slab by this method to a larger one first, and take the crops from that (crops only). "
+        "Default: crops of the slab itself. See [synthesis.md](synthesis.md).",
+    )
+    grown_size_mm: Size | None = Field(
+        None,
+        description="Size of the grown slab (crops only). Default: twice the slab, at most 4,096 pixels a side.",
+    )
+    method: MethodName = Field(
+        "quilting",
+        description="How the repeatable tile is grown (tile only). See [synthesis.md](synthesis.md).",
+    )
     map_size_mm: Size | None = Field(
         None, description="Size of the repeatable tile (tile only). Default: 1.5 times the slab, at most 4,096 pixels."
     )
@@ -147,6 +167,8 @@ class Texture(Section):
             for number in getattr(self, key):
                 if number >= self.crops:
                     raise ValueError(f"{key}: there is no crop {number}; the job has crops 0 to {self.crops - 1}")
+        if self.grown_size_mm is not None and self.grow is None:
+            raise ValueError("grown_size_mm: only where the slab is grown; say how with grow = ..., or remove it")
         if self.keep and set(self.keep) <= set(self.drop):
             raise ValueError("keep: every crop in it is in drop as well, so none is left to show")
         return self

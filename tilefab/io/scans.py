@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,10 +12,9 @@ import OpenImageIO as oiio
 from numpy.typing import NDArray
 
 from tilefab.errors import ImageError
+from tilefab.io.image_files import alpha_channel, icc_profile, open_image, orientation, resolution_dpi, unreadable
 from tilefab.types import Array, Mask, SizePx
 
-_INCH_IN = {"in": 1.0, "inch": 1.0, "cm": 2.54, "m": 0.0254}
-_PLAUSIBLE_DPI = (10.0, 20000.0)
 _OPAQUE = 0.999
 _SEVERAL = "tilefab:several_images"
 _BAND_ROWS = 512
@@ -82,7 +81,7 @@ def read_scan(path: Path) -> Scan:
     pixels, spec = _read(path)
     notes: list[str] = []
     valid = np.ones(pixels.shape[:2], dtype=bool)
-    alpha = _alpha_channel(spec)
+    alpha = alpha_channel(spec)
     if alpha is not None:
         full = np.float32(np.iinfo(pixels.dtype).max if pixels.dtype.kind == "u" else 1)
         for band in _bands(pixels):
@@ -110,7 +109,7 @@ def read_scan(path: Path) -> Scan:
         notes.append(f"{path.name} was turned upright, as its file says")
     if spec.getattribute(_SEVERAL):
         notes.append(f"{path.name} holds several images: only the first is used")
-    return Scan(str(path), pixels, valid, _dpi(spec), _icc_profile(spec), tuple(notes))
+    return Scan(str(path), pixels, valid, resolution_dpi(spec), icc_profile(spec), tuple(notes))
 
 
 def read_mask(path: Path, shape: tuple[int, int]) -> Mask:
@@ -163,41 +162,18 @@ def scan_facts(path: Path) -> ScanFacts:
     ImageError
         If the file is missing or its header can't be read.
     """
-    source = _open(path)
+    source = open_image(path)
     try:
         spec = source.spec()
-        channels = spec.nchannels - (_alpha_channel(spec) is not None)
-        upright = _orientation(spec)(np.empty((spec.height, spec.width, 0))).shape
-        return ScanFacts(SizePx(upright[0], upright[1]), channels, _dpi(spec), _icc_profile(spec))
+        channels = spec.nchannels - (alpha_channel(spec) is not None)
+        upright = orientation(spec)(np.empty((spec.height, spec.width, 0))).shape
+        return ScanFacts(SizePx(upright[0], upright[1]), channels, resolution_dpi(spec), icc_profile(spec))
     finally:
         source.close()
 
 
-def _open(path: Path) -> Any:
-    if not path.is_file():
-        what = "is a folder, not an image" if path.is_dir() else "there is no such file"
-        raise ImageError(f"{path}: {what}", path=str(path))
-    config = oiio.ImageSpec()
-    config.attribute("oiio:RawColor", 1)
-    config.attribute("oiio:UnassociatedAlpha", 1)
-    source = oiio.ImageInput.open(str(path), config)
-    if source is None:
-        raise _unreadable(path, oiio.geterror())
-    spec = source.spec()
-    if str(spec.getattribute("jpeg:ColorSpace") or "") in ("CMYK", "YCCK"):
-        source.close()
-        raise ImageError(
-            f"{path}: a CMYK JPEG can't be read without changing its colours; save it as TIFF, or scan as RGB",
-            path=str(path),
-        )
-    if spec.width < 1 or spec.height < 1 or spec.nchannels < 1 or spec.depth > 1:
-        source.close()
-        raise ImageError(f"{path}: not a flat image of at least one pixel", path=str(path))
-    return source
-
-
 def _read(path: Path) -> tuple[Array, Any]:
-    source = _open(path)
+    source = open_image(path)
     try:
         spec = source.spec()
         # Whole numbers of other widths are taken to 16 bits, for they are encoded as those are; only floats are linear.
@@ -209,13 +185,13 @@ def _read(path: Path) -> tuple[Array, Any]:
         }.get(spec.format.basetype, (oiio.UINT16, np.uint16))
         pixels = source.read_image(0, 0, 0, spec.nchannels, kind)
         if pixels is None or source.has_error:
-            raise _unreadable(path, source.geterror())
+            raise unreadable(path, source.geterror())
         spec = oiio.ImageSpec(spec)
-        turn = _orientation(spec)
+        turn = orientation(spec)
         pixels = turn(np.asarray(pixels, dtype=dtype).reshape(spec.height, spec.width, spec.nchannels))
         spec.attribute(_SEVERAL, int(source.seek_subimage(1, 0)))
     except (MemoryError, RuntimeError) as error:
-        raise _unreadable(path, str(error)) from error
+        raise unreadable(path, str(error)) from error
     finally:
         source.close()
     return pixels, spec
@@ -230,17 +206,12 @@ def _read_grey(path: Path, shape: tuple[int, int], what: str) -> Array:
             f"{shape[0]}; both must be of one size",
             path=str(path),
         )
-    alpha = _alpha_channel(spec)
+    alpha = alpha_channel(spec)
     return pixels if alpha is None or pixels.shape[2] == 1 else np.delete(pixels, alpha, axis=2)
 
 
 def _bands(pixels: Array) -> Iterator[slice]:
     return (slice(top, top + _BAND_ROWS) for top in range(0, len(pixels), _BAND_ROWS))
-
-
-def _unreadable(path: Path, reason: str) -> ImageError:
-    first_line = (reason or "unknown reason").strip().splitlines()[0]
-    return ImageError(f"{path}: damaged or not an image: {first_line}; scan or export it again", path=str(path))
 
 
 def _make_finite(path: Path, pixels: Array, valid: Mask, notes: list[str]) -> None:
@@ -262,38 +233,3 @@ def _make_finite(path: Path, pixels: Array, valid: Mask, notes: list[str]) -> No
         )
     if negative:
         notes.append(f"{path.name} has {negative} pixels with negative values: they are set to 0")
-
-
-def _orientation(spec: Any) -> Callable[[Array], Array]:
-    """How to turn an image upright that a camera or scanner marked as lying otherwise (TIFF 6.0, Orientation)."""
-    turns: dict[int, Callable[[Array], Array]] = {
-        2: lambda image: image[:, ::-1],
-        3: lambda image: image[::-1, ::-1],
-        4: lambda image: image[::-1],
-        5: lambda image: image.swapaxes(0, 1),
-        6: lambda image: image.swapaxes(0, 1)[:, ::-1],
-        7: lambda image: image.swapaxes(0, 1)[::-1, ::-1],
-        8: lambda image: image.swapaxes(0, 1)[::-1],
-    }
-    return turns.get(spec.getattribute("Orientation") or 1, lambda image: image)
-
-
-def _alpha_channel(spec: Any) -> int | None:
-    # OpenImageIO takes the K of CMYK for an alpha channel: only the name tells.
-    alpha = int(spec.alpha_channel)
-    is_alpha = 0 <= alpha < spec.nchannels and str(spec.channelnames[alpha]).upper() in ("A", "ALPHA")
-    return alpha if is_alpha else None
-
-
-def _icc_profile(spec: Any) -> bytes | None:
-    profile = spec.getattribute("ICCProfile")
-    return None if profile is None else bytes(np.asarray(profile, dtype=np.uint8).tobytes())
-
-
-def _dpi(spec: Any) -> float | None:
-    resolution = spec.getattribute("XResolution")
-    unit = _INCH_IN.get(str(spec.getattribute("ResolutionUnit") or "").lower())
-    if not isinstance(resolution, int | float) or unit is None:
-        return None
-    dpi = float(resolution) * unit
-    return dpi if _PLAUSIBLE_DPI[0] <= dpi <= _PLAUSIBLE_DPI[1] else None

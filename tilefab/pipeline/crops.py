@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import astuple, replace
 from pathlib import Path
 
 import numpy as np
@@ -81,6 +81,8 @@ def build_crops(
         "preparation": json.dumps(slab.log, ensure_ascii=False),
         "warnings": json.dumps(warnings, ensure_ascii=False),
     }
+    if slab.grown_from:
+        facts["grown_from"] = json.dumps([astuple(area) for area in slab.grown_from])
     return replace(built, provenance={**facts, **_choice_facts(plan)})
 
 

@@ -25,6 +25,7 @@ from tilefab.io.atomic import make_folder
 from tilefab.io.manifest import folder_owner
 from tilefab.io.texture_map_file import SUFFIX, load_texture_map, save_texture_map
 from tilefab.pipeline.crops import build_crops, rebuilt_crops
+from tilefab.pipeline.growing_slab import grow_slab
 from tilefab.pipeline.kept_slab import forget_slabs, kept_or_prepared
 from tilefab.pipeline.plan import MAPS_FOLDER, Plan
 from tilefab.pipeline.prepare import PreparedSlab
@@ -185,8 +186,11 @@ def build_map(plan: Plan, progress: Progress, threads: int | None = None, keep_i
                 f"the stone is {slab.valid.shape[1]} x {slab.valid.shape[0]} pixels at {plan.job.tile.dpi:g} dpi; a "
                 f"texture needs {MIN_SLAB_PX} at least: use a larger scan, or check dpi"
             )
+        notes = _notes(plan, slab)
+        if plan.job.texture.grow is not None:
+            slab = grow_slab(plan, slab, progress, threads, keep_in)
         build = build_tile if plan.job.texture.design == "tile" else build_crops
-        return build(plan, slab, _notes(plan, slab), progress, threads)
+        return build(plan, slab, notes, progress, threads)
     except SynthesisError:
         if keep_in is not None:
             forget_slabs(keep_in)

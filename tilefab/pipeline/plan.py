@@ -241,7 +241,9 @@ class _Planner:
         if self.problems or press_profile is None:
             raise ConfigError(self.problems)
         other = "tile" if job.texture.design == "crops" else "crops"
-        texture = job.texture.model_dump(exclude=set(OF_DESIGN[other]))
+        # What came later counts only where it is used, so that earlier jobs keep their keys.
+        unused = {"grow", "grown_size_mm"} if job.texture.grow is None else set()
+        texture = job.texture.model_dump(exclude={*OF_DESIGN[other], *unused})
         slab_facts = {
             "preparation": PREPARATION_VERSION,
             "scans": [[_file_hash(s.path), _optional_hash(s.mask), _optional_hash(s.weights), s.dpi] for s in scans],

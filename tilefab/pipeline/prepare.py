@@ -60,6 +60,8 @@ class PreparedSlab:
         What the operator should know.
     weights
         (rows, cols), 255 where no seam should pass, 0 where any may; ``None`` if the job marks nothing.
+    grown_from
+        Where each slab lay before they were grown; empty if they weren't.
     """
 
     lab16: NDArray[np.uint16]
@@ -68,6 +70,7 @@ class PreparedSlab:
     log: tuple[tuple[str, str], ...]
     warnings: tuple[str, ...]
     weights: NDArray[np.uint8] | None = None
+    grown_from: tuple[SlabArea, ...] = ()
 
     @property
     def lab_d50(self) -> NDArray[np.float32]:
@@ -153,7 +156,7 @@ def prepare_slab(plan: Plan, progress: Progress, threads: int | None = None) -> 
             raise ImageError(
                 f"{scan.path}: nothing usable is left at print resolution; check mask and dpi", path=str(scan.path)
             )
-        _to_lab(images[number], workers)
+        lab_in_place(images[number], workers)
     progress.stage(STAGE, 0.85)
     if slab.match and (len(images) > 1 or slab.target_lab is not None):
         target = None
@@ -254,7 +257,7 @@ def _even_lighting(
         log.append(_entry("Lighting", scan.path, record.summary))
 
 
-def _to_lab(xyz_d50: FloatImage, threads: int) -> None:
+def lab_in_place(xyz_d50: FloatImage, threads: int) -> None:
     """Make CIELAB of an image, in place."""
 
     def one_band(band: slice) -> None:

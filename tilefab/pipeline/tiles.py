@@ -11,7 +11,9 @@ from tilefab.pipeline.plan import Plan
 from tilefab.pipeline.prepare import PreparedSlab
 from tilefab.pipeline.progress import Progress
 from tilefab.sampling import TileMap, TileOptions, build_tile_map
-from tilefab.synthesis import METHODS, SynthesisRequest
+from tilefab.synthesis import METHODS, Step, SynthesisRequest
+from tilefab.synthesis.seam_jumps import seam_delta_e
+from tilefab.texture.matching import matching_image
 from tilefab.types import SizeMm, SizePx
 from tilefab.units import size_px_from_mm
 
@@ -36,24 +38,31 @@ def build_tile(
     texture = plan.job.texture
     # The stored numbers count, so that a map can be rebuilt from its own base.
     lab = slab.lab_d50
-    request = SynthesisRequest(lab, slab.valid, _map_size(plan, slab), plan.seed, plan.feature_px)
+
+    def watch(step: Step) -> bool:
+        progress.stage(STAGE_TILE, step.share)
+        return True
+
+    size = _map_size(plan, slab)
     try:
-        grown = METHODS[texture.method](request, lambda share: progress.stage(STAGE_TILE, share))
+        request = SynthesisRequest(lab, slab.valid, size, plan.seed, feature_px=plan.feature_px, threads=threads)
+        grown = METHODS[texture.method](request, watch)
     except ValueError as error:
         raise SynthesisError(
             f"no tile can be grown from this slab at {plan.job.tile.dpi:g} dpi: {error}; use a larger scan, "
             "or check dpi"
         ) from error
     progress.stage(STAGE_TILE, 1.0)
+    worst, mean = seam_delta_e(matching_image(lab), grown.source)
     provenance = {
         "map_key": plan.map_key,
         "build_key": plan.build_key,
         "method": texture.method,
-        "tile_worst_seam_delta_e": f"{grown.worst_seam_delta_e:.2f}",
-        "tile_mean_seam_delta_e": f"{grown.mean_seam_delta_e:.2f}",
+        "tile_worst_seam_delta_e": f"{worst:.2f}",
+        "tile_mean_seam_delta_e": f"{mean:.2f}",
         "patches_wanted": str(texture.patches),
         "preparation": json.dumps(slab.log, ensure_ascii=False),
-        "warnings": json.dumps([*slab.warnings, *notes], ensure_ascii=False),
+        "warnings": json.dumps([*slab.warnings, *notes, *grown.notes], ensure_ascii=False),
     }
     built = build_tile_map(
         lab,

@@ -8,7 +8,8 @@ import numpy as np
 
 from tilefab.errors import ConfigError, Problem
 from tilefab.pipeline.faces import face_region
-from tilefab.pipeline.plan import Plan
+from tilefab.pipeline.growing_slab import before_growing
+from tilefab.pipeline.plan import MAPS_FOLDER, Plan
 from tilefab.sampling import CropMap, SlabArea, TextureMap
 from tilefab.sampling.crop_plan import plan_region
 from tilefab.sampling.tracing import slab_at, trace_points
@@ -32,7 +33,8 @@ class TracedPoint:
     slab
         Which slab that is; ``None`` if the map doesn't say.
     slab_px, slab_mm
-        On the prepared slab: squared, trimmed, at print resolution; millimetres at the middle of the pixel.
+        On the prepared slab: squared, trimmed, at print resolution; millimetres at the middle of the pixel. If the job
+        grows the slab, before it was grown, as long as the map of places lies beside the texture map.
     crop
         The crop that shows it; ``None`` for another design.
     """
@@ -88,10 +90,14 @@ def trace_face(plan: Plan, texture: TextureMap, index: int, x_px: int, y_px: int
     ((base_row, base_col),) = trace_points(
         texture, np.array([row], dtype=np.int64), np.array([col], dtype=np.int64), seed=plan.seed
     ).tolist()
+    before = before_growing(plan, texture, plan.output / MAPS_FOLDER, base_row, base_col)
     slab = slab_at(texture, base_row, base_col)
     slab_px = slab_mm = None
-    if slab is not None:
+    if before is not None:
+        slab, slab_px = before[0], (before[2], before[1])
+    elif slab is not None:
         slab_px = base_col - slab.base_col, base_row - slab.base_row
+    if slab_px is not None:
         x_mm, y_mm = (round(mm_from_px(place + 0.5, texture.dpi), 2) for place in slab_px)
         slab_mm = x_mm, y_mm
     crop = _crop_at(plan, texture, (row, col), (base_row, base_col)) if isinstance(texture, CropMap) else None

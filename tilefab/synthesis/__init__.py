@@ -1,5 +1,24 @@
 """Offline example-based synthesis: one module a method, one protocol for all."""
 
-from tilefab.synthesis.protocol import METHODS, SynthesisMethod, SynthesisRequest, SynthesisResult
+from tilefab.synthesis.methods import DEFAULT_METHOD, METHODS
+from tilefab.synthesis.protocol import (
+    LARGEST_SIDE_PX,
+    Step,
+    SynthesisMethod,
+    SynthesisRequest,
+    SynthesisResult,
+    Watch,
+    render,
+)
 
-__all__ = ["METHODS", "SynthesisMethod", "SynthesisRequest", "SynthesisResult"]
+__all__ = [
+    "DEFAULT_METHOD",
+    "LARGEST_SIDE_PX",
+    "METHODS",
+    "Step",
+    "SynthesisMethod",
+    "SynthesisRequest",
+    "SynthesisResult",
+    "Watch",
+    "render",
+]

@@ -1,17 +1,17 @@
-"""Image quilting on a torus (Efros and Freeman 2001, "Image quilting for texture synthesis and transfer").
+"""Image quilting (Efros and Freeman 2001, "Image quilting for texture synthesis and transfer"), flat or on a torus.
 
 Overlapping square blocks of the exemplar are laid in reading order, each chosen among those that agree best with
-what already lies there, and cut to it along the seam of least colour difference. Here the output has no edges: the
-last block of a row also has to agree with the first, and the last row with the first. The first seed, 5.5.1, makes
-its repeatable tile so.
+what already lies there, and cut to it along the seam of least colour difference (their section 2). On a torus the
+output has no edges: the last block of a row also has to agree with the first, and the last row with the first. The
+first seed, 5.5.1, makes its repeatable tile so.
 
-Two things differ from the paper. The seam is a minimum cut instead of one path a side, because a block may be
-surrounded. And blocks from places already much used cost more, so that one part of a stone doesn't recur.
+Three things differ from the paper. The seam is a minimum cut instead of one path a side, because a block may be
+surrounded. Blocks from places already much used cost more, so that one part of a stone doesn't recur. And when all
+are laid, more blocks are laid over the worst seams (Kwatra et al. 2003, "Graphcut textures", section 3.2).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from tilefab import rng
+from tilefab.synthesis.protocol import Step, SynthesisRequest, SynthesisResult, Watch
+from tilefab.synthesis.seam_jumps import seam_jumps, weighted_cost
 from tilefab.texture.matching import (
-    LAB_STEPS_PER_UNIT,
     TemplateSearch,
     matching_image,
     reduced,
@@ -30,77 +31,79 @@ from tilefab.texture.matching import (
     window_sums,
 )
 from tilefab.texture.seams import FREE, KEEP, TAKE, UNKNOWN_COST, cut
-from tilefab.types import Mask, SizePx
+from tilefab.types import Mask
 
 MIN_EXEMPLAR_PX = 24
+_LARGEST_BLOCK_PX = 512
+_SMALLEST_BLOCK_PX = 8
 _MAX_SEARCH_AREA_PX = 1 << 20
 _OVERLAP_SHARE = 3
 _TOLERANCE = 0.1
 _USAGE_PRICE = 0.5
 _UNSET = -1
 
+Window = tuple[NDArray[np.int64], ...]
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Quilt:
-    """A quilted tile.
+    """A quilted texture.
 
     Attributes
     ----------
     source
         (rows, cols) int32, flat index into the exemplar of each pixel.
-    worst_seam_delta_e, mean_seam_delta_e
-        Colour difference (CIE76) between the two pieces along the seams, at the worst pixel and on average.
     block_px, overlap_px
-        Block size used and how far blocks overlap.
+        Block size used and how far blocks overlap at least.
+    laid
+        Share of the blocks that were laid; below 1 only if it was stopped. The rest is filled with blocks at random.
+    complete
+        Whether it was finished.
     """
 
     source: NDArray[np.int32]
-    worst_seam_delta_e: float
-    mean_seam_delta_e: float
     block_px: int
     overlap_px: int
+    laid: float = 1.0
+    complete: bool = True
 
 
-def quilt_torus(
-    exemplar_lab_d50: NDArray[np.float32],
-    valid: Mask,
-    size: SizePx,
-    seed: int,
-    *,
-    block_px: int | None = None,
-    progress: Callable[[float], None] | None = None,
-) -> Quilt:
-    """Quilt a tile that repeats seamlessly in both directions.
+def quilt(request: SynthesisRequest, watch: Watch | None = None) -> SynthesisResult:
+    """Quilt a texture: the method ``"quilting"``.
 
     Parameters
     ----------
-    exemplar_lab_d50
-        (rows, cols, 3) CIELAB (D50).
-    valid
-        (rows, cols), True where the exemplar may be used.
-    size
-        Size of the tile.
-    seed
-        0 <= seed < 2**63; the same arguments always give the same tile.
-    block_px
-        Side of a block. Default: a quarter of the exemplar's smaller side, between 24 and 512.
-    progress
-        Called with the share done, 0 to 1.
+    request
+        What is wanted; ``feature_px`` is the side of a block. By default a quarter of the exemplar's smaller side,
+        between 24 and 512. There is nothing for ``threads`` and ``fast`` to do.
+    watch
+        Told after each block; where it stops early, blocks still to be laid are replaced by ones at random.
 
     Raises
     ------
     ValueError
-        If no whole block of valid exemplar exists, or the tile is smaller than a block.
+        If no whole block of valid exemplar exists, or the exemplar or the result is smaller than 8 pixels.
     """
-    base = matching_image(exemplar_lab_d50)
+    quilted = lay_quilt(request, watch)
+    notes: tuple[str, ...] = ()
+    if quilted.laid < 1.0:
+        notes = (
+            f"Stopped when {100 * quilted.laid:.0f} % was quilted: the rest is filled with pieces that don't join",
+        )
+    return SynthesisResult(quilted.source, quilted.complete, notes)
+
+
+def lay_quilt(request: SynthesisRequest, watch: Watch | None = None) -> Quilt:
+    """Quilt a texture and tell the size of its blocks; see `quilt`."""
+    valid, size = request.valid, request.size
     smaller_px = min(*valid.shape, size.rows, size.cols)
-    block = block_px or max(MIN_EXEMPLAR_PX, min(512, smaller_px // 4))
+    block = request.feature_px or max(MIN_EXEMPLAR_PX, min(_LARGEST_BLOCK_PX, smaller_px // 4))
     block = min(block, smaller_px)
-    if block < 8:
+    if block < _SMALLEST_BLOCK_PX:
         raise ValueError(f"exemplar {valid.shape} or tile {size} is too small to quilt: blocks need 8 pixels")
     allowed = window_is_valid(valid, block, block)
-    while not allowed.any() and block > 8:
-        block = max(8, block * 3 // 4)
+    while not allowed.any() and block > _SMALLEST_BLOCK_PX:
+        block = max(_SMALLEST_BLOCK_PX, block * 3 // 4)
         allowed = window_is_valid(valid, block, block)
     if not allowed.any():
         raise ValueError("the exemplar has no usable square of 8 x 8 pixels: its mask leaves too little")
@@ -108,21 +111,22 @@ def quilt_torus(
     factor = 1
     while valid.size > _MAX_SEARCH_AREA_PX * factor * factor and block >= 16 * factor:
         factor *= 2
-    quilter = _Quilter(base, valid, allowed, size, block, factor, seed)
-    rows = _block_starts(size.rows, block, overlap)
-    cols = _block_starts(size.cols, block, overlap)
-    for i, row in enumerate(rows):
-        for j, col in enumerate(cols):
-            quilter.lay(row, col)
-            if progress is not None:
-                progress((i * len(cols) + j + 1) / (2 * len(rows) * len(cols)))
-    repairs = 2 * len(rows) * len(cols)
+    quilter = _Quilter(request, allowed, block, factor)
+    starts = _block_starts if request.toroidal else _open_block_starts
+    places = [(row, col) for row in starts(size.rows, block, overlap) for col in starts(size.cols, block, overlap)]
+    repairs = 2 * len(places)
+    for k, (row, col) in enumerate(places):
+        quilter.lay(row, col)
+        step = Step((k + 1) / (len(places) + repairs), lambda: quilter.filled(places))
+        if watch is not None and not watch(step):
+            laid = (k + 1) / len(places)
+            return Quilt(quilter.filled(places), block, overlap, laid, complete=False)
     for k in range(repairs):
         quilter.repair()
-        if progress is not None:
-            progress((1 + (k + 1) / repairs) / 2)
-    worst, mean = _seam_cost(base, quilter.source)
-    return Quilt(quilter.source, worst, mean, block, overlap)
+        step = Step((len(places) + k + 1) / (len(places) + repairs), quilter.source.copy)
+        if watch is not None and not watch(step) and k + 1 < repairs:
+            return Quilt(quilter.source, block, overlap, complete=False)
+    return Quilt(quilter.source, block, overlap)
 
 
 def _block_starts(length: int, block: int, overlap: int) -> list[int]:
@@ -131,32 +135,29 @@ def _block_starts(length: int, block: int, overlap: int) -> list[int]:
     return [i * length // count for i in range(count)]
 
 
+def _open_block_starts(length: int, block: int, overlap: int) -> list[int]:
+    """First pixel of each block, the last one ending where the result does."""
+    count = 1 + max(0, -(-(length - block) // (block - overlap)))
+    return [i * (length - block) // max(1, count - 1) for i in range(count)]
+
+
 class _Quilter:
-    def __init__(
-        self,
-        base: NDArray[np.int16],
-        valid: Mask,
-        allowed: Mask,
-        size: SizePx,
-        block: int,
-        factor: int,
-        seed: int,
-    ) -> None:
+    def __init__(self, request: SynthesisRequest, allowed: Mask, block: int, factor: int) -> None:
+        base, size = matching_image(request.exemplar), request.size
         self.base, self.allowed, self.block, self.factor = base, allowed, block, factor
+        self.toroidal, self.weights, self.seed = request.toroidal, request.weights, request.seed
         self.source = np.full((size.rows, size.cols), _UNSET, dtype=np.int32)
-        self.lab = np.zeros((size.rows, size.cols, 3), dtype=np.int16)
-        self.random = rng.generator(seed, "quilting")
+        self.shown = np.zeros((size.rows, size.cols, base.shape[2]), dtype=np.int16)
+        self.random = rng.generator(request.seed, "quilting")
         self.search = TemplateSearch(reduced(base, factor))
         coarse_block = block // factor
-        self.coarse_allowed = window_is_valid(reduced_mask(valid, factor), coarse_block, coarse_block)
+        self.coarse_allowed = window_is_valid(reduced_mask(request.valid, factor), coarse_block, coarse_block)
         if not self.coarse_allowed.any():
             self.coarse_allowed = np.zeros_like(self.coarse_allowed)
             places = np.argwhere(allowed) // factor
             places = np.minimum(places, np.array(self.coarse_allowed.shape) - 1)
             self.coarse_allowed[places[:, 0], places[:, 1]] = True
         self.usage = np.zeros(self.search.shape, dtype=np.int64)
-        self._rim = np.ones((block, block), dtype=bool)
-        self._rim[1:-1, 1:-1] = False
         self._core = np.ix_([block // 2 - 1, block // 2], [block // 2 - 1, block // 2])
         # Bad places are looked for, and given up, on a grid of this many pixels.
         self._grain = max(2, block // 8)
@@ -164,15 +165,15 @@ class _Quilter:
         self._jumps: NDArray[np.float64] | None = None
 
     def lay(self, row: int, col: int) -> None:
-        """Choose a block for the place (row, col) of the tile, cut it to its neighbours and lay it."""
+        """Choose a block for the place (row, col) of the result, cut it to its neighbours and lay it."""
         window = self._window(row, col)
         filled = self.source[window] != _UNSET
-        there = self.lab[window]
+        there = self.shown[window]
         base_row, base_col = self._choose(there, filled)
         labels = np.where(filled, FREE, TAKE).astype(np.uint8)
-        labels[self._rim & filled] = KEEP
+        labels[self._rim(row, col) & filled] = KEEP
         labels[self._core] = TAKE
-        self.source[window], self.lab[window] = self._cut_in(there, window, base_row, base_col, labels)
+        self.source[window], self.shown[window] = self._cut_in(there, window, base_row, base_col, labels)
 
     def repair(self) -> None:
         """Lay one more block over the place with the worst seams, and leave it if they get better by it.
@@ -180,55 +181,104 @@ class _Quilter:
         This is the refinement of Kwatra et al. 2003, section 3.2. A place tried in vain isn't tried again.
         """
         if self._jumps is None:
-            self._jumps = _seam_jumps(self.base, self.source)
-        jumps, block, grain = self._jumps, self.block, self._grain
+            self._jumps = self._jumps_of(self.source)
+        block, grain = self.block, self._grain
+        at_row, at_col = self._worst_place()
+        row, col = at_row - block // 2, at_col - block // 2
+        if not self.toroidal:
+            row = min(max(row, 0), self.source.shape[0] - block)
+            col = min(max(col, 0), self.source.shape[1] - block)
+        window = self._window(row, col)
+        there = self.shown[window]
+        ring = np.ones((block, block), dtype=bool)
+        ring[_inner(at_row - row, block // 4, block), _inner(at_col - col, block // 4, block)] = False
+        base_row, base_col = self._choose(there, ring)
+        labels = np.full((block, block), FREE, dtype=np.uint8)
+        margin = block * 3 // 8
+        labels[_inner(at_row - row, margin, block), _inner(at_col - col, margin, block)] = TAKE
+        labels[self._rim(row, col)] = KEEP
+        source, shown = self._cut_in(there, window, base_row, base_col, labels)
+        touched, looked_at, inside = self._surroundings(row, col)
+        before = float(self._jumps[touched].sum())
+        patched = self.source[looked_at].copy()
+        patched[inside] = source
+        rows, cols = len(touched[0]), touched[1].shape[1]
+        after = self._jumps_of(patched)[:rows, :cols]
+        if float(after.sum()) < before:
+            self.source[window], self.shown[window] = source, shown
+            self._jumps[touched] = after
+            self._hopeless[np.unique(window[0] // grain)[:, None], np.unique(window[1] // grain)] = False
+
+    def filled(self, places: list[tuple[int, int]]) -> NDArray[np.int32]:
+        """The map so far, with blocks at random where none was laid yet."""
+        source = self.source.copy()
+        if (source != _UNSET).all():
+            return source
+        random, allowed = rng.generator(self.seed, "unquilted"), np.argwhere(self.allowed)
+        steps = np.arange(self.block)
+        for row, col in places:
+            window = self._window(row, col)
+            there = source[window]
+            base_row, base_col = (int(k) for k in allowed[int(random.integers(len(allowed)))])
+            flat = (base_row + steps)[:, None] * self.base.shape[1] + base_col + steps
+            source[window] = np.where(there == _UNSET, flat, there)
+        return source
+
+    def _worst_place(self) -> tuple[int, int]:
+        assert self._jumps is not None
+        block, grain = self.block, self._grain
         sums = np.add.reduceat(
-            np.add.reduceat(jumps, np.arange(0, jumps.shape[0], grain), axis=0),
-            np.arange(0, jumps.shape[1], grain),
+            np.add.reduceat(self._jumps, np.arange(0, self._jumps.shape[0], grain), axis=0),
+            np.arange(0, self._jumps.shape[1], grain),
             axis=1,
         )
-        local = ndimage.uniform_filter(sums, size=max(3, block // (2 * grain)), mode="wrap")
+        mode = "wrap" if self.toroidal else "constant"
+        local = ndimage.uniform_filter(sums, size=max(3, block // (2 * grain)), mode=mode)
         local[self._hopeless] = -1.0
         worst_row, worst_col = np.unravel_index(int(local.argmax()), local.shape)
         self._hopeless[worst_row, worst_col] = True
-        at_row, at_col = int(worst_row) * grain + grain // 2, int(worst_col) * grain + grain // 2
-        window = self._window(at_row - block // 2, at_col - block // 2)
-        there = self.lab[window]
-        ring = np.ones((block, block), dtype=bool)
-        ring[block // 4 : -(block // 4), block // 4 : -(block // 4)] = False
-        base_row, base_col = self._choose(there, ring)
-        labels = np.full((block, block), FREE, dtype=np.uint8)
-        labels[self._rim] = KEEP
-        inner = slice(block * 3 // 8, block - block * 3 // 8)
-        labels[inner, inner] = TAKE
-        source, lab = self._cut_in(there, window, base_row, base_col, labels)
-        around = self._window(at_row - block // 2 - 1, at_col - block // 2 - 1, block + 2)
-        before = float(jumps[around][:-1, :-1].sum())
-        patched = self.source[around].copy()
-        patched[1:-1, 1:-1] = source
-        after = _seam_jumps(self.base, patched)[:-1, :-1]
-        if float(after.sum()) < before:
-            self.source[window], self.lab[window] = source, lab
-            jumps[self._window(at_row - block // 2 - 1, at_col - block // 2 - 1, block + 1)] = after
-            self._hopeless[np.unique(window[0] // grain)[:, None], np.unique(window[1] // grain)] = False
+        return int(worst_row) * grain + grain // 2, int(worst_col) * grain + grain // 2
 
-    def _window(self, row: int, col: int, side: int | None = None) -> tuple[NDArray[np.int64], ...]:
-        steps = np.arange(side or self.block)
+    def _surroundings(self, row: int, col: int) -> tuple[Window, Window, tuple[slice, slice]]:
+        """What a block at (row, col) changes seams of, what must be known to measure them, and it in the latter."""
+        touched, looked_at, inside = [], [], []
+        for first, length in zip((row, col), self.source.shape, strict=True):
+            begin, end, beyond = first - 1, first + self.block, first + self.block + 1
+            if not self.toroidal:
+                begin, end, beyond = max(begin, 0), min(end, length), min(beyond, length)
+            touched.append(np.arange(begin, end) % length)
+            looked_at.append(np.arange(begin, beyond) % length)
+            inside.append(slice(first - begin, first - begin + self.block))
+        return np.ix_(*touched), np.ix_(*looked_at), (inside[0], inside[1])
+
+    def _jumps_of(self, source: NDArray[np.int32]) -> NDArray[np.float64]:
+        return seam_jumps(self.base, source, toroidal=self.toroidal, weights=self.weights)
+
+    def _rim(self, row: int, col: int) -> Mask:
+        """Outermost pixels of a block; not those at the edge of a result that has edges: there nothing joins on."""
+        rows, cols = self.source.shape
+        rim = np.ones((self.block, self.block), dtype=bool)
+        top, left = (0 if at == 0 and not self.toroidal else 1 for at in (row, col))
+        bottom = self.block - (self.toroidal or row + self.block < rows)
+        right = self.block - (self.toroidal or col + self.block < cols)
+        rim[top:bottom, left:right] = False
+        return rim
+
+    def _window(self, row: int, col: int) -> Window:
+        steps = np.arange(self.block)
         return np.ix_((row + steps) % self.source.shape[0], (col + steps) % self.source.shape[1])
 
     def _cut_in(
-        self,
-        there: NDArray[np.int16],
-        window: tuple[NDArray[np.int64], ...],
-        base_row: int,
-        base_col: int,
-        labels: NDArray[np.uint8],
+        self, there: NDArray[np.int16], window: Window, base_row: int, base_col: int, labels: NDArray[np.uint8]
     ) -> tuple[NDArray[np.int32], NDArray[np.int16]]:
         block, old = self.block, self.source[window]
-        piece = self.base[base_row : base_row + block, base_col : base_col + block]
-        squared = ((piece.astype(np.int64) - there) ** 2).sum(axis=2)
+        place = slice(base_row, base_row + block), slice(base_col, base_col + block)
+        piece = self.base[place]
+        cost = ((piece.astype(np.int64) - there) ** 2).sum(axis=2)
+        if self.weights is not None:
+            cost = weighted_cost(cost, self.weights[place], self.weights.reshape(-1)[np.maximum(old, 0)])
         # What the piece already there would have shown beyond its end isn't known: a cut along that end is dear.
-        take = cut(np.where(old != _UNSET, squared, UNKNOWN_COST), labels)
+        take = cut(np.where(old != _UNSET, cost, UNKNOWN_COST), labels)
         flat = (base_row + np.arange(block))[:, None] * self.base.shape[1] + base_col + np.arange(block)
         return np.where(take, flat, old).astype(np.int32), np.where(take[..., None], piece, there)
 
@@ -270,34 +320,7 @@ class _Quilter:
         return window_sums(self.usage, n, n) / (n * n)
 
 
-def _seam_jumps(base: NDArray[np.int16], source: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Cost of the seams right of and below each pixel, (rows, cols): squared colour steps, 0 where there is none.
-
-    On either side of a seam one piece shows a colour and the other would have shown another: the cost is the mean of
-    the two squared differences (Kwatra et al. 2003, Eq. 1, squared). The window's last row and column are compared
-    with what follows them around the torus.
-    """
-    flat = base.reshape(-1, base.shape[2]).astype(np.float64)
-    total = np.zeros(source.shape)
-    for axis, step in ((0, base.shape[1]), (1, 1)):
-        neighbour = np.roll(source, -1, axis=axis)
-        seam = neighbour != source + step
-        here, there = source[seam], neighbour[seam]
-        # At an edge of the exemplar nothing is known beyond it: its last pixel stands in for what would follow.
-        if axis == 0:
-            runs_on = np.where(here + step < len(flat), here + step, here)
-            comes_from = np.where(there >= step, there - step, there)
-        else:
-            runs_on = here + ((here + 1) % base.shape[1] != 0)
-            comes_from = there - (there % base.shape[1] != 0)
-        ahead = ((flat[runs_on] - flat[there]) ** 2).sum(axis=1)
-        behind = ((flat[comes_from] - flat[here]) ** 2).sum(axis=1)
-        total[seam] += (ahead + behind) / 2
-    return total
-
-
-def _seam_cost(base: NDArray[np.int16], source: NDArray[np.int32]) -> tuple[float, float]:
-    """Worst and mean colour step (CIE76) over all pixels with a seam right of or below them."""
-    steps = np.sqrt(_seam_jumps(base, source)) / LAB_STEPS_PER_UNIT
-    on_seam = steps[steps > 0]
-    return (float(on_seam.max()), float(on_seam.mean())) if on_seam.size else (0.0, 0.0)
+def _inner(at: int, margin: int, length: int) -> slice:
+    """Pixels of a block all but a margin, moved so that ``at`` is in their middle, as far as they lie in the block."""
+    shift = at - length // 2
+    return slice(max(margin + shift, 0), min(length - margin + shift, length))

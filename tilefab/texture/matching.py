@@ -128,7 +128,7 @@ class TemplateSearch:
         self._image = fft.rfft2(values, self._fft_shape, axes=(0, 1))
         self._square = fft.rfft2((values**2).sum(axis=2), self._fft_shape)
 
-    def squared_differences(self, template: NDArray[np.int16], mask: Mask) -> NDArray[np.int64]:
+    def squared_differences(self, template: NDArray[np.int16], mask: Mask | NDArray[np.uint8]) -> NDArray[np.int64]:
         """Exact sum of squared differences over the mask, for every place of the template in the image.
 
         Parameters
@@ -136,7 +136,7 @@ class TemplateSearch:
         template
             (rows, cols, 3) int16; what stands outside the mask doesn't matter.
         mask
-            (rows, cols), True where the template counts.
+            (rows, cols), True where the template counts; or small integers: how much it counts.
 
         Returns
         -------
@@ -151,8 +151,61 @@ class TemplateSearch:
         spectrum -= 2.0 * correlated.sum(axis=2)
         sums = fft.irfft2(spectrum, self._fft_shape)
         sums = sums[: self.shape[0] - rows + 1, : self.shape[1] - cols + 1]
-        exact: NDArray[np.int64] = np.rint(sums).astype(np.int64) + int((values**2).sum())
+        squares = template.astype(np.float64) ** 2 * weight[..., None]
+        exact: NDArray[np.int64] = np.rint(sums).astype(np.int64) + int(squares.sum())
         return exact
+
+
+def overlap_differences(
+    image: NDArray[np.int16], image_mask: Mask, template: NDArray[np.int16], template_mask: Mask
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Sum of squared differences where two masked images overlap, for every place of the smaller in the larger.
+
+    Parameters
+    ----------
+    image
+        (rows, cols, channels) int16.
+    image_mask
+        (rows, cols), True where it counts.
+    template
+        (template rows, template cols, channels) int16, no larger.
+    template_mask
+        (template rows, template cols), True where it counts.
+
+    Returns
+    -------
+    sums
+        (rows - template rows + 1, cols - template cols + 1) int64: over the pixels where both count; exact.
+    counts
+        Likewise: how many these are.
+
+    Raises
+    ------
+    ValueError
+        If the template is larger than the image.
+
+    Notes
+    -----
+    Kwatra et al. 2003, section 3.3, entire patch matching; with both masks for what isn't laid yet and may not be.
+    """
+    rows, cols = (n - m + 1 for n, m in zip(image_mask.shape, template_mask.shape, strict=True))
+    if rows < 1 or cols < 1:
+        raise ValueError(f"a template {template_mask.shape} doesn't fit into an image {image_mask.shape}")
+    shape = tuple(fft.next_fast_len(n, real=True) for n in image_mask.shape)
+    inside = image_mask.astype(np.float64)
+    weight = template_mask.astype(np.float64)
+    values = image.astype(np.float64) * inside[..., None]
+    others = template.astype(np.float64) * weight[..., None]
+    transform, other_transform = fft.rfft2(inside, shape), np.conj(fft.rfft2(weight, shape))
+    spectrum = fft.rfft2((values**2).sum(axis=2), shape) * other_transform
+    spectrum += transform * np.conj(fft.rfft2((others**2).sum(axis=2), shape))
+    for k in range(image.shape[2]):
+        spectrum -= 2.0 * fft.rfft2(values[..., k], shape) * np.conj(fft.rfft2(others[..., k], shape))
+    sums, counts = (
+        np.rint(fft.irfft2(product, shape)[:rows, :cols]).astype(np.int64)
+        for product in (spectrum, transform * other_transform)
+    )
+    return sums, counts
 
 
 @kernel

@@ -23,7 +23,7 @@ from tilefab.types import Array
 
 Plane: TypeAlias = NDArray[np.float64]
 
-MAX_REPETITION = 0.3
+MAX_REPETITION = 0.2
 """Largest excess of the autocorrelation peak that passes: see `repetition_excess`."""
 SHARPNESS_RANGE = (0.75, 1.35)
 """Fine-scale contrast over the exemplar's that passes: see `sharpness_ratio`."""

@@ -20,8 +20,8 @@ class SeamCost:
 
     Attributes
     ----------
-    mean_delta_e, p95_delta_e
-        Mean and 95th percentile over all seams measured, CIE76. 0.0 if there are none.
+    mean_delta_e, p95_delta_e, worst_delta_e
+        Mean, 95th percentile and greatest over all seams measured, CIE76. 0.0 if there are none.
     length_px
         Pairs of neighbours measured: the length of the seams in pixel edges.
     per_px_area
@@ -32,12 +32,13 @@ class SeamCost:
 
     mean_delta_e: float
     p95_delta_e: float
+    worst_delta_e: float
     length_px: int
     per_px_area: float
     unmeasured_px: int
 
 
-def seam_cost(source: NDArray[np.int32], exemplar_lab: NDArray[np.floating]) -> SeamCost:
+def seam_cost(source: NDArray[np.int32], exemplar_lab: NDArray[np.floating], *, toroidal: bool = False) -> SeamCost:
     """Cost of the seams of a wall, by how much the crops that meet there disagree.
 
     Parameters
@@ -45,7 +46,9 @@ def seam_cost(source: NDArray[np.int32], exemplar_lab: NDArray[np.floating]) -> 
     source
         (rows, cols) int32, the wall's source map: flat index into the exemplar of each pixel.
     exemplar_lab
-        (exemplar rows, exemplar cols, 3) CIELAB.
+        (exemplar rows, exemplar cols, channels >= 1): CIELAB, or other channels scaled like it.
+    toroidal
+        Whether the wall repeats, so that its last row and column meet its first.
 
     Returns
     -------
@@ -71,8 +74,8 @@ def seam_cost(source: NDArray[np.int32], exemplar_lab: NDArray[np.floating]) -> 
     >>> seam_cost(np.array([[0, 1, 4, 5]], dtype=np.int32), grey).mean_delta_e
     13.5
     """
-    if exemplar_lab.ndim != 3 or exemplar_lab.shape[2] != 3:
-        raise ValueError(f"an exemplar in CIELAB is (rows, cols, 3), not {exemplar_lab.shape}")
+    if exemplar_lab.ndim != 3 or exemplar_lab.shape[2] < 1:
+        raise ValueError(f"an exemplar is (rows, cols, channels), not {exemplar_lab.shape}")
     if source.ndim != 2:
         raise ValueError(f"a source map is (rows, cols), not {source.shape}")
     n_pixels = exemplar_lab.shape[0] * exemplar_lab.shape[1]
@@ -80,14 +83,15 @@ def seam_cost(source: NDArray[np.int32], exemplar_lab: NDArray[np.floating]) -> 
         raise ValueError(f"the source map points outside an exemplar of {n_pixels} pixels")
     lab = np.ascontiguousarray(exemplar_lab, dtype=np.float64)
     on_map = np.ascontiguousarray(source, dtype=np.int32)
-    costs = np.empty(_count_seams(on_map, lab.shape[1]), dtype=np.float64)
-    measured = _fill_costs(on_map, lab, costs)
+    costs = np.empty(_count_seams(on_map, lab.shape[1], toroidal), dtype=np.float64)
+    measured = _fill_costs(on_map, lab, toroidal, costs)
     costs, unmeasured = costs[:measured], len(costs) - measured
     if measured == 0:
-        return SeamCost(0.0, 0.0, 0, 0.0, unmeasured)
+        return SeamCost(0.0, 0.0, 0.0, 0, 0.0, unmeasured)
     return SeamCost(
         mean_delta_e=float(costs.mean()),
         p95_delta_e=float(np.percentile(costs, 95)),
+        worst_delta_e=float(costs.max()),
         length_px=measured,
         per_px_area=float(costs.sum() / source.size),
         unmeasured_px=unmeasured,
@@ -95,18 +99,18 @@ def seam_cost(source: NDArray[np.int32], exemplar_lab: NDArray[np.floating]) -> 
 
 
 @kernel
-def _count_seams(source: NDArray[np.int32], exemplar_cols: int) -> int:
+def _count_seams(source: NDArray[np.int32], exemplar_cols: int, toroidal: bool) -> int:
     """Pairs of 4-neighbours whose offsets differ."""
     rows, cols = source.shape
     count = 0
     for r in range(rows):
         for c in range(cols):
             p = source[r, c]
-            if c + 1 < cols:
+            if toroidal or c + 1 < cols:
                 # The next index is no neighbour where a row of the exemplar ends.
-                count += source[r, c + 1] != p + 1 or (p + 1) % exemplar_cols == 0
-            if r + 1 < rows:
-                count += source[r + 1, c] != p + exemplar_cols
+                count += source[r, (c + 1) % cols] != p + 1 or (p + 1) % exemplar_cols == 0
+            if toroidal or r + 1 < rows:
+                count += source[(r + 1) % rows, c] != p + exemplar_cols
     return count
 
 
@@ -115,14 +119,14 @@ def _difference(lab: NDArray[np.float64], r: int, c: int, other: int) -> float:
     """CIE76 between (r, c) and a flat index."""
     r2, c2 = other // lab.shape[1], other % lab.shape[1]
     total = 0.0
-    for k in range(3):
+    for k in range(lab.shape[2]):
         d = lab[r, c, k] - lab[r2, c2, k]
         total += d * d
     return float(np.sqrt(total))
 
 
 @kernel
-def _fill_costs(source: NDArray[np.int32], lab: NDArray[np.float64], costs: NDArray[np.float64]) -> int:
+def _fill_costs(source: NDArray[np.int32], lab: NDArray[np.float64], toroidal: bool, costs: NDArray[np.float64]) -> int:
     """Cost of each seam that can be measured, in reading order; returns how many."""
     rows, cols = source.shape
     exemplar_rows, exemplar_cols = lab.shape[0], lab.shape[1]
@@ -131,9 +135,9 @@ def _fill_costs(source: NDArray[np.int32], lab: NDArray[np.float64], costs: NDAr
         for c in range(cols):
             for down in range(2):
                 across = 1 - down
-                if r + down >= rows or c + across >= cols:
+                if not toroidal and (r + down >= rows or c + across >= cols):
                     continue
-                p, q = source[r, c], source[r + down, c + across]
+                p, q = source[r, c], source[(r + down) % rows, (c + across) % cols]
                 # A goes on at q, B at p.
                 a_row, a_col = p // exemplar_cols + down, p % exemplar_cols + across
                 b_row, b_col = q // exemplar_cols - down, q % exemplar_cols - across

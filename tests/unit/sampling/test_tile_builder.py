@@ -11,7 +11,8 @@ from numpy.testing import assert_array_equal
 from numpy.typing import NDArray
 
 from tilefab.sampling import TileMap, TileOptions, build_tile_map, render
-from tilefab.synthesis.quilting import quilt_torus
+from tilefab.synthesis import SynthesisRequest
+from tilefab.synthesis.quilting import quilt
 from tilefab.texture.matching import matching_image
 from tilefab.types import Mask, SizePx
 
@@ -118,7 +119,7 @@ def test_progress_rises_to_one(maps: dict[str, Any]) -> None:
 
 def test_one_colour_gives_one_colour() -> None:
     lab = np.full((80, 90, 3), (62.0, 1.5, 7.0), dtype=np.float32)
-    source = quilt_torus(lab, np.ones((80, 90), dtype=bool), SizePx(50, 60), 1).source
+    source = quilt(SynthesisRequest(lab, np.ones((80, 90), dtype=bool), SizePx(50, 60), 1)).source
     texture_map = build_plain(lab, source, patches=30, active_per_cell=8.0)
     assert len(texture_map.patches) == 30
     assert not texture_map.patches.worst_delta_e.any()
@@ -151,7 +152,7 @@ def test_two_patches_are_one_for_each_set(maps: dict[str, Any]) -> None:
 
 def test_a_tile_too_small_for_patches_has_none(stone: Callable[..., NDArray[np.float32]]) -> None:
     lab = stone(40, 40, 1)
-    source = quilt_torus(lab, np.ones((40, 40), dtype=bool), SizePx(9, 9), 1).source
+    source = quilt(SynthesisRequest(lab, np.ones((40, 40), dtype=bool), SizePx(9, 9), 1)).source
     texture_map = build_plain(lab, source, patches=20)
     assert len(texture_map.patches) == 0
     assert bare_tile(texture_map)
@@ -160,7 +161,7 @@ def test_a_tile_too_small_for_patches_has_none(stone: Callable[..., NDArray[np.f
 def test_a_mask_too_ragged_for_patches_gives_none(stone: Callable[..., NDArray[np.float32]]) -> None:
     lab, valid = stone(60, 60, 1), np.ones((60, 60), dtype=bool)
     valid[::9] = valid[:, ::9] = False
-    source = quilt_torus(lab, valid, SizePx(40, 40), 1).source
+    source = quilt(SynthesisRequest(lab, valid, SizePx(40, 40), 1)).source
     texture_map = build_plain(lab, source, valid, patches=20)
     assert len(texture_map.patches) == 0
     assert bare_tile(texture_map)

@@ -1,0 +1,133 @@
+"""What of an exemplar is compared while a texture is grown from it: CIELAB of colours, lightness of gray."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tilefab.colour import scan_to_xyz, srgb_from_xyz, xyz_from_lab
+from tilefab.colour.encoding import decode_lab16, encode_lab16
+from tilefab.errors import ImageError, ProfileError
+from tilefab.io.layers import Layer
+from tilefab.pipeline.plan import check_scan_profile
+from tilefab.pipeline.prepare import lab_in_place
+from tilefab.types import Array, FloatImage, Mask
+
+_RGB, _CMYK = ("R", "G", "B"), ("C", "M", "Y", "K")
+_BRIGHT = 1.05
+_BRIGHT_SHARE = 0.2
+_WHITE_PERCENTILE = 99.0
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """An exemplar as it is compared.
+
+    Attributes
+    ----------
+    image
+        (rows, cols, channels) float32: CIELAB (D50), lightness, or channels of any other kind scaled to 0 .. 100.
+    valid
+        (rows, cols), False where a pixel isn't a number.
+    is_lab
+        Whether it is CIELAB.
+    notes
+        What the user should know, a sentence each.
+    """
+
+    image: FloatImage
+    valid: Mask
+    is_lab: bool
+    notes: tuple[str, ...]
+
+
+def comparison_of(layer: Layer, valid: Mask, threads: int = 1) -> Comparison:
+    """Bring a layer without alpha to what is compared.
+
+    Parameters
+    ----------
+    layer
+        RGB of 8 or 16 bits or floats, and CMYK with a profile, become CIELAB: by the embedded profile, else as sRGB,
+        or as linear light if floats. Gray becomes lightness. Of anything else each channel is scaled to 0 .. 100.
+    valid
+        (rows, cols), True where the layer may be used.
+    threads
+        Changes nothing else.
+
+    Raises
+    ------
+    ImageError
+        If no usable pixel is a number.
+    ProfileError
+        If the embedded profile can't be used.
+    """
+    name, notes = Path(layer.path).name, list[str]()
+    pixels = layer.pixels
+    finite: Mask = np.asarray(np.isfinite(pixels).all(axis=2))
+    if not finite.all():
+        count = int(np.count_nonzero(valid & ~finite))
+        valid = valid & finite
+        if not valid.any():
+            raise ImageError(f"{layer.path}: no usable pixel is a number; export it again", path=layer.path)
+        if count:
+            notes.append(f"{name}: {count} pixels are NaN or infinite: they are treated as holes")
+        pixels = np.where(finite[..., None], pixels, pixels.dtype.type(0))
+    if not _is_light(layer, pixels, valid):
+        if layer.channels in (_RGB, ("Y",)):
+            notes.append(f"{name}: its {pixels.dtype} aren't colours: they are compared by their range")
+        return Comparison(_scaled(pixels, valid), valid, is_lab=False, notes=tuple(notes))
+    if pixels.dtype.kind == "f":
+        pixels = np.maximum(pixels.astype(np.float32), 0)
+    try:
+        check_scan_profile(Path(layer.path), pixels.shape[2], layer.icc_profile)
+        xyz = scan_to_xyz(pixels, layer.icc_profile, threads=threads)
+    except ProfileError as error:
+        path = layer.path
+        raise ProfileError(error.message if path in error.message else f"{path}: {error.message}", path=path) from error
+    light = xyz[..., 1]
+    if np.count_nonzero((light > _BRIGHT) & valid) > _BRIGHT_SHARE * np.count_nonzero(valid):
+        white = float(np.percentile(light[valid], _WHITE_PERCENTILE))
+        notes.append(f"{name}: much of it is brighter than white: it is compared as if {white:.3g} were white")
+        xyz /= np.float32(white)
+    lab_in_place(xyz, threads)
+    # The numbers that texture maps store: a last bit that differs between machines is gone from them.
+    lab = decode_lab16(encode_lab16(xyz))
+    is_lab = layer.pixels.shape[2] > 1
+    return Comparison(lab if is_lab else np.ascontiguousarray(lab[..., :1]), valid, is_lab, tuple(notes))
+
+
+def preview_of(comparison: Comparison) -> NDArray[np.uint8]:
+    """(rows, cols, 3) sRGB of what is compared: its colours, or its first channel as gray."""
+    lab = np.zeros((*comparison.image.shape[:2], 3), dtype=np.float32)
+    shown = 3 if comparison.is_lab else 1
+    lab[..., :shown] = comparison.image[..., :shown]
+    srgb = srgb_from_xyz(xyz_from_lab(lab))
+    return np.rint(255 * np.clip(srgb, 0, 1)).astype(np.uint8)
+
+
+def _is_light(layer: Layer, pixels: Array, valid: Mask) -> bool:
+    """Whether a layer holds colours or gray as a picture does, and not heights or whatever else."""
+    kind = pixels.dtype
+    if layer.channels == _CMYK:
+        return layer.icc_profile is not None and kind in (np.uint8, np.uint16)
+    if layer.channels == _RGB:
+        return kind in (np.uint8, np.uint16) or kind.kind == "f"
+    if pixels.shape[2] != 1:
+        return False
+    if kind.kind == "f":
+        values = pixels[..., 0][valid]
+        return bool(values.min() >= 0 and values.max() <= 1)
+    return kind in (np.uint8, np.uint16)
+
+
+def _scaled(pixels: Array, valid: Mask) -> FloatImage:
+    image = np.zeros(pixels.shape, dtype=np.float32)
+    for channel in range(pixels.shape[2]):
+        values = pixels[..., channel].astype(np.float64)
+        low, high = float(values[valid].min()), float(values[valid].max())
+        if high > low:
+            image[..., channel] = np.clip((values - low) / (high - low), 0, 1) * 100
+    return image
