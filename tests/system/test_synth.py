@@ -48,14 +48,16 @@ def test_bad_input_ends_with_its_code_and_a_line(workshop: Any) -> None:
 def test_an_interrupt_leaves_what_there_is(workshop: Any) -> None:
     slab, out, kept = (workshop.folder / name for name in ("slab.tif", "new.tif", "new.npz"))
     # Far more than can be done before the signal comes.
-    process = workshop.start("synth", slab, "-o", out, "--rows", 3000, "--cols", 3000, "--map", kept, "--json")
-    told = []
-    for line in process.stderr:
-        told.append(line.strip())
-        if line.startswith("Growing the texture"):
-            break
-    process.send_signal(signal.SIGINT)
-    printed, err = process.communicate(timeout=300)
+    options = ("--rows", 3000, "--cols", 3000, "--map", kept, "--json")
+    with workshop.start("synth", slab, "-o", out, *options) as process:
+        try:
+            for line in process.stderr:
+                if line.startswith("Growing the texture"):
+                    break
+            process.send_signal(signal.SIGINT)
+            printed, err = process.communicate(timeout=300)
+        finally:
+            process.kill()
     assert process.returncode == 130
     assert "note: stopping after this step" in err
     assert "run the same command again" not in err

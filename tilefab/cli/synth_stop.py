@@ -10,6 +10,8 @@ from typing import TypeVar
 
 Result = TypeVar("Result")
 
+_HEARD_WITHIN_S = 0.2
+
 
 class StoppedEarly(SystemExit):
     """The command was interrupted, has written what it had, and has said so."""
@@ -70,7 +72,9 @@ def run_stoppable(work: Callable[[], Result], stop: Stop) -> Result:
     try:
         worker = threading.Thread(target=run, name="work", daemon=True)
         worker.start()
-        worker.join()
+        # Not for as long as it takes: a signal that comes just before this thread begins to wait doesn't wake it.
+        while worker.is_alive():
+            worker.join(_HEARD_WITHIN_S)
     finally:
         if mine:
             signal.signal(signal.SIGINT, before)

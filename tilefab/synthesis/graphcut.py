@@ -101,7 +101,8 @@ class _Grower:
             self.strategy = EntirePatches(self.canvas, base, random, matched=options.placement == "entire-patch")
         # Bad places are looked for, and given up, on a grid of this many pixels.
         self.grain = max(1, side // _GRAIN_SHARE)
-        self.hopeless = np.zeros([-(-n // self.grain) for n in self.canvas.source.shape], dtype=bool)
+        self.cells = np.zeros([-(-n // self.grain) for n in self.canvas.source.shape], dtype=np.int64)
+        self.hopeless = np.zeros(self.cells.shape, dtype=bool)
 
     def grow(self, watch: Watch) -> SynthesisResult:
         source, first = self.canvas.source, 0
@@ -117,6 +118,7 @@ class _Grower:
             first += int(rest.argmax()) if rest.any() else rest.size
             if laid % _WATCHED_EVERY == 1 and not watch(self._step(min(laid, expected) / (expected + mends))):
                 return SynthesisResult(self._draft(), False, self.notes)
+        self.cells = self._cell_costs(*map(np.arange, self.hopeless.shape))
         for k in range(mends):
             if not self._mend():
                 break
@@ -138,10 +140,8 @@ class _Grower:
         isn't tried again before something near it changes.
         """
         canvas, grain = self.canvas, self.grain
-        cells = np.add.reduceat(canvas.costs, np.arange(0, canvas.size.rows, grain), axis=0)
-        cells = np.add.reduceat(cells, np.arange(0, canvas.size.cols, grain), axis=1)
         near = _GRAIN_SHARE // 4
-        padded = np.pad(cells, near, mode="wrap" if self.toroidal else "constant")
+        padded = np.pad(self.cells, near, mode="wrap" if self.toroidal else "constant")
         regions = window_sums(padded, 2 * near + 1, 2 * near + 1)
         regions[self.hopeless] = 0
         worst = int(regions.argmax())
@@ -152,9 +152,24 @@ class _Grower:
         row, col = (min(k * grain + grain // 2, n - 1) for k, n in zip(cell, canvas.source.shape, strict=True))
         at = self._lay_best(self.strategy.to_mend(row, col, self.options.candidates), always=False)
         if at is not None:
-            window = canvas.window(at.row, at.col, at.rows, at.cols)
-            self.hopeless[np.unique(window[0] // grain)[:, None], np.unique(window[1] // grain)] = False
+            # A pixel's cost is also that of the seam to the next: what lies just before the window changed as well.
+            changed = [
+                np.unique(index.ravel() // grain)
+                for index in canvas.window(at.row - 1, at.col - 1, at.rows + 1, at.cols + 1)
+            ]
+            self.cells[np.ix_(*changed)] = self._cell_costs(*changed)
+            self.hopeless[np.ix_(*changed)] = False
         return True
+
+    def _cell_costs(self, *cells: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Seam cost in each cell of some rows and some columns of the grid, in rising order."""
+        costs = self.canvas.costs
+        pixels = [(k[:, None] * self.grain + np.arange(self.grain)).ravel() for k in cells]
+        pixels = [at[at < n] for at, n in zip(pixels, costs.shape, strict=True)]
+        costs = costs[np.ix_(*pixels)]
+        for axis, (at, k) in enumerate(zip(pixels, cells, strict=True)):
+            costs = np.add.reduceat(costs, np.searchsorted(at, k * self.grain), axis=axis)
+        return costs
 
     def _lay_best(self, placements: list[Placement], *, always: bool) -> Placement | None:
         """Lay the patch that gains most, and tell which; unless ``always``, only one that gains anything."""

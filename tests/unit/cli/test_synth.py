@@ -195,6 +195,21 @@ def test_asked_twice_it_ends_at_once() -> None:
     released.set()
 
 
+def test_a_signal_that_wakes_nobody_is_heard() -> None:
+    stop = Stop(lambda: None)
+
+    def work() -> bool:
+        # Raised in this thread, it doesn't wake the one that waits, as one that comes just before the waiting.
+        signal.raise_signal(signal.SIGINT)
+        for _ in range(10_000):
+            if stop():
+                return True
+            time.sleep(0.001)
+        return False
+
+    assert run_stoppable(work, stop)
+
+
 def test_work_gives_its_result_and_its_errors() -> None:
     stop = Stop(lambda: None)
     assert run_stoppable(lambda: 42, stop) == 42

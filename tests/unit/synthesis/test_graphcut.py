@@ -76,11 +76,14 @@ def test_costs_and_uses_are_kept_count_of(stone: Stone, placement: str, toroidal
     lab, valid = stone(50, 44, 3), np.ones((50, 44), dtype=bool)
     valid[20:23, 9:14] = valid[40, 30] = False
     request = request_of(lab, SizePx(71, 66), valid=valid, toroidal=toroidal, feature_px=13)
-    canvas = grown(request, placement=placement).canvas
+    grower = grown(request, placement=placement)
+    canvas = grower.canvas
     assert valid.ravel()[canvas.source].all()
     padded = np.pad(canvas.source, (0, 1), mode="wrap")
     anew = canvas.exemplar.costs(padded)[:-1, :-1] if toroidal else canvas.exemplar.costs(canvas.source)
     assert_array_equal(canvas.costs, anew)
+    assert_array_equal(grower.cells, grower._cell_costs(*(np.arange(n) for n in grower.cells.shape)))
+    assert grower.cells.sum() == anew.sum()
     assert canvas._total_cost == anew.sum()
     assert canvas._seam_px == np.count_nonzero(anew)
     assert_array_equal(canvas._usage, np.bincount(canvas.source.ravel(), minlength=50 * 44))
