@@ -7,9 +7,16 @@ from collections.abc import Mapping
 from tilefab.synthesis.graphcut import graphcut
 from tilefab.synthesis.protocol import SynthesisMethod
 from tilefab.synthesis.quilting import quilt
+from tilefab.synthesis.self_tuning import self_tuning
+from tilefab.synthesis.uniform import uniform
 
-METHODS: Mapping[str, SynthesisMethod] = {"quilting": quilt, "graphcut": graphcut}
+METHODS: Mapping[str, SynthesisMethod] = {
+    "quilting": quilt,
+    "graphcut": graphcut,
+    "self-tuning": self_tuning,
+    "uniform": uniform,
+}
 """Every synthesis method by its name."""
 
-DEFAULT_METHOD = "quilting"
+DEFAULT_METHOD = "self-tuning"
 """The method where none is named."""

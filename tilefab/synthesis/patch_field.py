@@ -259,7 +259,7 @@ class PatchField:
         if not scale.valid[found_rows, found_cols].all():
             nearest_rows, nearest_cols = nearest_allowed(scale.valid)
             found_rows, found_cols = nearest_rows[found_rows, found_cols], nearest_cols[found_rows, found_cols]
-        return (found_rows * width + found_cols).astype(np.int32)
+        return np.asarray(found_rows * width + found_cols, dtype=np.int32)
 
     def _folded(self, sums: NDArray[np.integer]) -> NDArray[np.int64]:
         total = sums[:, : self._cols].astype(np.int64)

@@ -20,7 +20,7 @@ PATCH_PX = 10
 CHANNELS = 4
 """Three of colour and the guidance channel."""
 _ROW_VALUES = PATCH_PX * CHANNELS
-_FAR = np.int64(1) << np.int64(60)
+_FAR = 1 << 60
 _MOST_COPIES = 32
 """Of a place shown more often only so many copies are looked at, evenly spread."""
 
@@ -36,7 +36,7 @@ def patch_difference(
     bound: int,
 ) -> int:
     """Squared difference of two patches, or anything from ``bound`` up once it gets there (Eq. 2)."""
-    total = np.int64(0)
+    total = 0
     for row in range(PATCH_PX):
         total += squared_row(first, at + row * first_stride, second, begin + row * second_stride)
         if total >= bound:
@@ -71,16 +71,16 @@ def again_price(
     ``order[starts[p] : starts[p + 1]]`` are the patches that show place p, in reading order. ``prices[down, right +
     field columns]`` is the price of a shift.
     """
-    dearest = np.int64(0)
+    dearest = 0
     count = starts[place + 1] - starts[place]
     step = 1 + count // _MOST_COPIES
     for k in range(starts[place], starts[place + 1], step):
-        other = order[k]
+        other = int(order[k])
         down = row - other // field_cols
         right = col - other % field_cols
         if other == me or down < 0 or (down == 0 and right < 0):
             continue
-        dearest = max(dearest, prices[down, right + field_cols])
+        dearest = max(dearest, int(prices[down, right + field_cols]))
     return dearest
 
 
@@ -156,13 +156,11 @@ def search(
     wraps, priced = period[0] > 0, len(order) > 0
     for i in range(begin, end):
         for j in range((i + colour) & 1, field_cols, 2):
-            at = (rows_px[i] * target_cols + cols_px[j]) * CHANNELS
+            at = int(rows_px[i] * target_cols + cols_px[j]) * CHANNELS
             me = i * field_cols + j
-            best = np.int64(field[i, j])
-            nearest = patch_difference(
-                target, at, target_stride, exemplar, best * CHANNELS, exemplar_stride, _FAR
-            )
-            score = nearest + price[best]
+            best = int(np.int64(field[i, j]))
+            nearest = patch_difference(target, at, target_stride, exemplar, best * CHANNELS, exemplar_stride, _FAR)
+            score = nearest + int(price[best])
             if priced:
                 score += again_price(best, me, i, j, field_cols, starts, order, shift_price)
             best_row, best_col = best // exemplar_cols, best % exemplar_cols
@@ -171,7 +169,7 @@ def search(
                 if k < 4:
                     ni = i + (k == 1) - (k == 0)
                     nj = j + (k == 3) - (k == 2)
-                    down, right = np.int64(0), np.int64(0)
+                    down, right = 0, 0
                     if wraps:
                         if ni < 0:
                             ni += field_rows
@@ -187,9 +185,9 @@ def search(
                             right = -period[1]
                     elif ni < 0 or ni >= field_rows or nj < 0 or nj >= field_cols:
                         continue
-                    place = np.int64(field[ni, nj])
-                    row = place // exemplar_cols + rows_px[i] - rows_px[ni] + down
-                    col = place % exemplar_cols + cols_px[j] - cols_px[nj] + right
+                    place = int(np.int64(field[ni, nj]))
+                    row = place // exemplar_cols + int(rows_px[i] - rows_px[ni]) + down
+                    col = place % exemplar_cols + int(cols_px[j] - cols_px[nj]) + right
                     if row < 0 or col < 0 or row > last_row or col > last_col:
                         continue
                 else:
@@ -197,15 +195,15 @@ def search(
                     low_row, low_col = max(0, best_row - radius), max(0, best_col - radius)
                     rows = min(last_row, best_row + radius) - low_row + 1
                     cols = min(last_col, best_col + radius) - low_col + 1
-                    row = low_row + ((np.int64(word & np.uint64(0xFFFFFFFF)) * rows) >> 32)
-                    col = low_col + ((np.int64(word >> np.uint64(32)) * cols) >> 32)
+                    row = low_row + ((int(np.int64(word & np.uint64(0xFFFFFFFF))) * rows) >> 32)
+                    col = low_col + ((int(np.int64(word >> np.uint64(32))) * cols) >> 32)
                     radius = max(1, radius >> 1)
                 place = row * exemplar_cols + col
                 if place == best or not allowed[place]:
                     continue
                 if k >= 4 and crowd[place] > most and crowd[place] >= crowd[best]:
                     continue
-                asked = price[place]
+                asked = int(price[place])
                 if priced:
                     asked += again_price(place, me, i, j, field_cols, starts, order, shift_price)
                 if asked >= score:

@@ -21,13 +21,14 @@ from numpy.typing import NDArray
 from tilefab import rng
 from tilefab.synthesis.edges import fill_holes
 from tilefab.synthesis.guidance import guidance_channel
-from tilefab.synthesis.lattice import Lattice, find_lattice
+from tilefab.synthesis.lattice import find_lattice
 from tilefab.synthesis.layout import fit_note, initial_field
 from tilefab.synthesis.patch_field import WEIGHT_UNIT, PatchField, Workers
 from tilefab.synthesis.patch_kernels import CHANNELS, PATCH_PX
 from tilefab.synthesis.protocol import Step, SynthesisRequest, SynthesisResult, Watch
 from tilefab.synthesis.pyramid import STEPS_PER_UNIT, Scale, features, scaled_size, scales
 from tilefab.synthesis.usage import NO_SHIFTS, Usage, UsageOptions
+from tilefab.texture.spectrum import radial_psd_distance
 from tilefab.types import SizePx
 
 _SMALLEST_PX = 2 * PATCH_PX
@@ -46,7 +47,7 @@ class SelfTuningOptions:
     usage
         Prices of uneven use (3.2).
     guidance_weight
-        Of the guidance channel; ``None`` finds it (3.1); 0 leaves the channel out.
+        Of the guidance channel; ``None`` finds it (3.1), 1 or 3; 0 leaves the channel out.
     iterations
         At the finest scale, and at most at the coarsest; in between they grow by ``more`` a scale.
     more
@@ -63,6 +64,9 @@ class SelfTuningOptions:
         Whether votes are weighted to keep the histograms in the coarser half of the scales (3.2).
     smart_start
         Whether a lattice is looked for (3.3).
+    starts, start_scales
+        How often to begin anew, and after how many of the coarsest scales the beginning whose spectrum is nearest the
+        exemplar's goes on. Where a lattice is found, there is one beginning.
     settling
         How often each pixel may join a neighbour's piece in the end.
     seam_weight
@@ -70,7 +74,7 @@ class SelfTuningOptions:
     """
 
     usage: UsageOptions = field(default_factory=UsageOptions)
-    guidance_weight: float | None = None
+    guidance_weight: float | None = 1.0
     iterations: tuple[int, int] = (4, 16)
     more: float = 1.6
     passes: tuple[int, int] = (2, 1)
@@ -79,11 +83,13 @@ class SelfTuningOptions:
     stride_scales: int = 3
     histograms: bool = True
     smart_start: bool = True
-    settling: int = 4
+    starts: int = 3
+    start_scales: int = 2
+    settling: int = 6
     seam_weight: int = 8
 
 
-FAST = SelfTuningOptions(iterations=(2, 12), tries=(8, 4), more=1.5, settling=2)
+FAST = SelfTuningOptions(iterations=(2, 8), tries=(6, 4), more=1.4, starts=1, settling=2)
 """Less time for a little less quality."""
 
 
@@ -123,6 +129,21 @@ def self_tuning(
         workers.close()
 
 
+class _StoppedError(Exception):
+    """Whoever watches had enough."""
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """Where a synthesis has come to: what the scale before ``index`` starts from, and how good it is so far."""
+
+    source: NDArray[np.int32]
+    key: np.uint64
+    index: int
+    distance: float
+    usage: Usage | None
+
+
 class _Synthesis:
     def __init__(
         self, request: SynthesisRequest, options: SelfTuningOptions, watch: Watch | None, workers: Workers
@@ -135,48 +156,73 @@ class _Synthesis:
             channel = guidance.channel
             weight = guidance.weight if options.guidance_weight is None else options.guidance_weight
         self._lattice = find_lattice(request.exemplar, request.valid) if options.smart_start else None
-        self._scales = scales(
-            features(filled, channel, weight), request.valid, request.weights, request.feature_px
-        )
-        self._key = rng.stream_key(request.seed, "self-tuning")
+        self._scales = scales(features(filled, channel, weight), request.valid, request.weights, request.feature_px)
         self._rounds = [self._iterations(index) for index in range(len(self._scales))]
-        works = [
-            rounds * self._passes(index) * scale.factor**2 / self._stride_px(index) ** 2
+        self._start_scales = min(options.start_scales, len(self._scales) - 1)
+        self._starts = options.starts if self._lattice is None and self._start_scales > 0 else 1
+        self._works = [
+            rounds * self._passes(index) * (4 + options.tries[0 if self._is_coarse(index) else 1])
+            * (scale.factor / self._stride_px(index)) ** 2
             for index, (rounds, scale) in enumerate(zip(self._rounds, self._scales, strict=True))
-        ]
-        self._shares = [work / sum(works) for work in works]
+        ]  # fmt: skip
+        again = self._works[len(self._scales) - self._start_scales :]
+        self._all_work = sum(self._works) + (self._starts - 1) * sum(again)
+        self._done = 0.0
+        self._finished = np.zeros((0, 0), dtype=np.int32)
 
     def run(self) -> SynthesisResult:
         """From the coarsest scale to the finest."""
-        notes = self._notes()
-        size = self._request.size
-        source, done = self._first(), 0.0
-        finished = _draft_of(source, self._scales[-1], self._size(len(self._scales) - 1), self._scales[0], size)
-        for index in reversed(range(len(self._scales))):
-            scale = self._scales[index]
-            patches = PatchField(
-                scale, self._size(index), self._request.toroidal, self._stride_px(index), self._workers
-            )
-            patches.start_from(source)
-            target = self._optimise(patches, index, done)
-            if target is None:
-                return SynthesisResult(finished, complete=False, notes=notes)
-            done += self._shares[index]
-            if index > 0:
-                source = patches.shown_at(self._scales[index - 1], self._size(index - 1))
-                finished = _cropped(patches.shown_at(self._scales[0], self._size(0)), size)
-                if not self._tell(done, finished):
-                    return SynthesisResult(finished, complete=False, notes=notes)
-        chosen = patches.chosen(target, self._options.settling, self._options.seam_weight)
-        finished = _cropped(chosen, size)
-        self._tell(1.0, finished)
-        return SynthesisResult(finished, notes=notes)
+        begun = None
+        try:
+            for start in range(self._starts):
+                state = self._begin(start)
+                if begun is None or state.distance < begun.distance:
+                    begun = state
+            assert begun is not None
+            return SynthesisResult(self._go_on(begun), notes=self._notes())
+        except _StoppedError:
+            return SynthesisResult(self._finished, complete=False, notes=self._notes())
 
-    def _optimise(self, patches: PatchField, index: int, done: float) -> NDArray[np.int16] | None:
-        """The turns of one scale; the last mean, or ``None`` if whoever watches had enough."""
+    def _begin(self, start: int) -> _State:
+        """The coarsest scales, from a beginning of their own."""
+        seed = int(rng.stream_key(self._request.seed, f"beginning {start}")) >> 1
+        state = _State(self._first(seed), rng.stream_key(seed, "self-tuning"), len(self._scales), 0.0, None)
+        for _ in range(self._start_scales):
+            state = self._next(state)
+        return state
+
+    def _go_on(self, state: _State) -> NDArray[np.int32]:
+        while state.index > 0:
+            state = self._next(state)
+        return self._finished
+
+    def _next(self, state: _State) -> _State:
+        """One scale further: optimised, and laid out for the one after."""
+        index, options = state.index - 1, self._options
+        size, scale = self._size(index), self._scales[index]
+        patches = PatchField(scale, size, self._request.toroidal, self._stride_px(index), self._workers)
+        patches.start_from(state.source)
+        if self._finished.size == 0:
+            # For whoever stops before the first scale is done.
+            self._finished = self._cropped(patches.shown_at(self._scales[0], self._size(0)))
+        usage = Usage(scale.allowed, options.usage, state.usage)
+        target = self._optimise(patches, index, state.key, usage)
+        distance = 0.0
+        if self._starts > 1 and len(self._scales) - index == self._start_scales:
+            distance = _spectral_distance(scale, target[: size.rows, : size.cols])
+        if index == 0:
+            self._finished = self._cropped(patches.chosen(target, options.settling, options.seam_weight))
+            source, self._done = self._finished, self._all_work
+        else:
+            source = patches.shown_at(self._scales[index - 1], self._size(index - 1))
+            self._finished = self._cropped(patches.shown_at(self._scales[0], self._size(0)))
+        self._tell(self._finished)
+        return _State(source, state.key, index, distance, usage)
+
+    def _optimise(self, patches: PatchField, index: int, stream: np.uint64, usage: Usage) -> NDArray[np.int16]:
+        """The turns of one scale; the last mean."""
         options, scale = self._options, self._scales[index]
         coarse = self._is_coarse(index)
-        usage = Usage(scale.allowed, options.usage)
         ordinary = _ordinary_weights(scale)
         histograms = None
         if options.histograms and index >= len(self._scales) / 2:
@@ -191,17 +237,18 @@ class _Synthesis:
                 for colour in (0, 1):
                     prices = usage.prices(patches.places, raise_prices=colour == 0)
                     counter = ((index * _MOST_ITERATIONS + turn) * _MOST_PASSES + number) * 2 + colour
-                    key, _ = rng.philox_4x32(self._key, np.uint64(counter), np.uint64(0))
+                    key, _ = rng.philox_4x32(stream, np.uint64(counter), np.uint64(0))
                     patches.search(target, prices, shifts, colour, np.uint64(key), tries)
             weights = ordinary
             if histograms is not None and turn < rounds - 1:
                 weights = histograms.weights(target[: patches.size.rows, : patches.size.cols], ordinary)
             target = patches.vote(weights)
-            if turn < rounds - 1 and not self._tell(done + self._shares[index] * (turn + 1) / rounds, None):
-                return None
+            self._done += self._works[index] / rounds
+            if turn < rounds - 1:
+                self._tell(None)
         return target
 
-    def _first(self) -> NDArray[np.int32]:
+    def _first(self, seed: int) -> NDArray[np.int32]:
         scale, size = self._scales[-1], self._size(len(self._scales) - 1)
         lattice = self._lattice
         if lattice is not None:
@@ -209,7 +256,7 @@ class _Synthesis:
             down, across = (coarse / fine for coarse, fine in sides)
             lattice = lattice.scaled((down, across))
         colours = (scale.image / np.float32(STEPS_PER_UNIT)).astype(np.float32)
-        return initial_field(colours, scale.valid, lattice, size, self._request.toroidal, self._request.seed)
+        return initial_field(colours, scale.valid, lattice, size, self._request.toroidal, seed)
 
     def _notes(self) -> tuple[str, ...]:
         note = fit_note(self._lattice, self._request.size) if self._lattice and self._request.toroidal else None
@@ -232,10 +279,17 @@ class _Synthesis:
         least, most = self._options.iterations
         return min(most, max(least, round(least * self._options.more**index)))
 
-    def _tell(self, share: float, draft: NDArray[np.int32] | None) -> bool:
+    def _cropped(self, source: NDArray[np.int32]) -> NDArray[np.int32]:
+        return np.ascontiguousarray(source[: self._request.size.rows, : self._request.size.cols])
+
+    def _tell(self, draft: NDArray[np.int32] | None) -> None:
+        share = min(1.0, self._done / self._all_work)
         if self._watch is None:
-            return True
-        return self._watch(Step(min(1.0, share), None if draft is None else lambda: draft))
+            return
+        goes_on = self._watch(Step(share, None if draft is None else lambda: draft))
+        # Once all is done, there is nothing left to stop.
+        if not goes_on and (draft is None or share < 1.0):
+            raise _StoppedError
 
 
 class _Histograms:
@@ -252,13 +306,13 @@ class _Histograms:
         """Weight of each pixel of the exemplar, less where the result has too many of its colour."""
         excess = np.maximum(self._shares(self._binned(target.reshape(-1, CHANNELS))) - self._wanted, 0.0)
         excess /= np.maximum(self._wanted, _LEAST_SHARE)
-        penalty = sum((excess[channel][self._bins[..., channel]] for channel in range(CHANNELS)), start=np.float64(0.0))
+        penalty = np.sum([excess[channel][self._bins[..., channel]] for channel in range(CHANNELS)], axis=0)
         base = np.full(self._bins.shape[:2], WEIGHT_UNIT, dtype=np.int64) if ordinary is None else ordinary
-        return np.maximum(1, np.floor(base / (1.0 + penalty)).astype(np.int64))
+        return np.asarray(np.maximum(1, np.floor(base / (1.0 + penalty)).astype(np.int64)))
 
     def _binned(self, image: NDArray[np.int16]) -> NDArray[np.int64]:
         bins = (image.astype(np.int64) - self._low) * _HISTOGRAM_BINS // self._range
-        return np.clip(bins, 0, _HISTOGRAM_BINS - 1)
+        return np.asarray(np.clip(bins, 0, _HISTOGRAM_BINS - 1))
 
     def _shares(self, bins: NDArray[np.int64]) -> NDArray[np.float64]:
         counts = [np.bincount(bins[:, channel], minlength=_HISTOGRAM_BINS) for channel in range(CHANNELS)]
@@ -272,14 +326,13 @@ def _ordinary_weights(scale: Scale) -> NDArray[np.int64] | None:
     return np.asarray(WEIGHT_UNIT + 8 * WEIGHT_UNIT * scale.weights.astype(np.int64) // 255)
 
 
-def _draft_of(
-    source: NDArray[np.int32], coarse: Scale, coarse_size: SizePx, fine: Scale, size: SizePx
-) -> NDArray[np.int32]:
-    """The beginning at full size, for whoever stops before the first scale is done."""
-    patches = PatchField(coarse, coarse_size, False, 1, Workers(1))
-    patches.start_from(source)
-    return _cropped(patches.shown_at(fine, scaled_size(size, 1.0)), size)
-
-
-def _cropped(source: NDArray[np.int32], size: SizePx) -> NDArray[np.int32]:
-    return np.ascontiguousarray(source[: size.rows, : size.cols])
+def _spectral_distance(scale: Scale, target: NDArray[np.int16]) -> float:
+    """How far the colours' spectra are from the exemplar's, in thousandths: rounding must not choose."""
+    colours = range(CHANNELS - 1)
+    spreads = [float(scale.image[..., channel].std()) ** 2 for channel in colours]
+    distances = [
+        radial_psd_distance(scale.image[..., channel].astype(np.float64), target[..., channel].astype(np.float64))
+        for channel in colours
+    ]
+    total = sum(spread * distance for spread, distance in zip(spreads, distances, strict=True))
+    return round(total / max(sum(spreads), 1.0), 3)

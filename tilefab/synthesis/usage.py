@@ -80,15 +80,24 @@ class Usage:
         (rows, cols), True where a patch may begin.
     options
         Prices.
+    coarser
+        Of the coarser scale before: what had been added to prices there is where this one begins.
     """
 
-    def __init__(self, allowed: Mask, options: UsageOptions) -> None:
+    def __init__(self, allowed: Mask, options: UsageOptions, coarser: Usage | None = None) -> None:
         self._options = options
         self._shape = allowed.shape
         self._allowed = allowed
         covered = window_counts(allowed.astype(np.int64))
         self._usable_px = int(np.count_nonzero(covered))
         self._added = np.zeros(allowed.shape)
+        if coarser is not None:
+            # The last row at which a patch fits stays the last one.
+            rows, cols = (
+                np.minimum(np.arange(fine) * (coarse - PATCH_PX + 1) // (fine - PATCH_PX + 1), coarse - PATCH_PX)
+                for fine, coarse in zip(allowed.shape, coarser._shape, strict=True)
+            )
+            self._added = coarser._added[rows[:, np.newaxis], cols]
 
     def prices(self, field: NDArray[np.int32], *, raise_prices: bool) -> Prices:
         """Prices for the next pass, given the places shown now; ``raise_prices``: an iteration begins."""

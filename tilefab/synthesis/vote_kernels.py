@@ -12,7 +12,7 @@ from tilefab.jit import kernel
 from tilefab.synthesis.patch_kernels import CHANNELS, PATCH_PX
 
 _ROW_VALUES = PATCH_PX * CHANNELS
-_FAR = np.int64(1) << np.int64(60)
+_FAR = 1 << 60
 
 
 @kernel
@@ -100,7 +100,7 @@ def choose(
     for row in range(begin, end):
         for col in range(source.shape[1]):
             at = (row * mean_cols + col) * CHANNELS
-            least, chosen = _FAR, np.int64(-1)
+            least, chosen = _FAR, -1
             for down in range(PATCH_PX):
                 i = covering_rows[row, down]
                 if i < 0:
@@ -109,11 +109,11 @@ def choose(
                     j = covering_cols[col, right]
                     if j < 0:
                         continue
-                    place = np.int64(field[i, j]) + down * exemplar_cols + right
-                    difference = np.int64(0)
+                    place = int(np.int64(field[i, j])) + down * exemplar_cols + right
+                    difference = 0
                     for channel in range(CHANNELS):
                         step = np.int64(exemplar[place * CHANNELS + channel]) - mean[at + channel]
-                        difference += step * step
+                        difference += int(step * step)
                     if difference < least or (difference == least and place < chosen):
                         least, chosen = difference, place
             source[row, col] = chosen
@@ -133,18 +133,18 @@ def seam_step(
     opposite = 0 if right > 0 else exemplar_cols - 1
     at_edge = right != 0 and here % exemplar_cols == edge
     if there == here + shift and not at_edge:
-        return np.int64(0)
+        return 0
     ahead = here + shift
     if ahead < 0 or ahead >= pixels or at_edge:
         ahead = here
     behind = there - shift
     if behind < 0 or behind >= pixels or (right != 0 and there % exemplar_cols == opposite):
         behind = there
-    total = np.int64(0)
+    total = 0
     for channel in range(CHANNELS):
         step = np.int64(exemplar[ahead * CHANNELS + channel]) - exemplar[there * CHANNELS + channel]
         back = np.int64(exemplar[behind * CHANNELS + channel]) - exemplar[here * CHANNELS + channel]
-        total += step * step + back * back
+        total += int(step * step + back * back)
     return total
 
 
@@ -174,9 +174,9 @@ def settle(
     for row in range(begin, end):
         for col in range((row + colour) & 1, cols, 2):
             at = (row * mean_cols + col) * CHANNELS
-            least, chosen = _FAR, np.int64(source[row, col])
+            least, chosen = _FAR, int(np.int64(source[row, col]))
             for k in range(5):
-                place = np.int64(source[row, col])
+                place = int(np.int64(source[row, col]))
                 if k > 0:
                     i = row + (k == 2) - (k == 1)
                     j = col + (k == 4) - (k == 3)
@@ -184,7 +184,7 @@ def settle(
                         i, j = i % rows, j % cols
                     elif i < 0 or i >= rows or j < 0 or j >= cols:
                         continue
-                    neighbour = np.int64(source[i, j])
+                    neighbour = int(np.int64(source[i, j]))
                     if (k == 3 and neighbour % exemplar_cols == exemplar_cols - 1) or (
                         k == 4 and neighbour % exemplar_cols == 0
                     ):
@@ -193,10 +193,10 @@ def settle(
                     if joined < 0 or joined >= pixels or joined == place or not valid[joined]:
                         continue
                     place = joined
-                cost = np.int64(0)
+                cost = 0
                 for channel in range(CHANNELS):
                     step = np.int64(exemplar[place * CHANNELS + channel]) - mean[at + channel]
-                    cost += step * step
+                    cost += int(step * step)
                 for m in range(1, 5):
                     down, right = (m == 2) - (m == 1), (m == 4) - (m == 3)
                     i, j = row + down, col + right
@@ -204,9 +204,9 @@ def settle(
                         i, j = i % rows, j % cols
                     elif i < 0 or i >= rows or j < 0 or j >= cols:
                         continue
-                    there = np.int64(source[i, j])
+                    there = int(np.int64(source[i, j]))
                     jump = seam_step(exemplar, exemplar_cols, pixels, place, there, down, right)
-                    cost += seam_weight * jump * max(dearness[place], dearness[there])
+                    cost += seam_weight * jump * int(max(dearness[place], dearness[there]))
                 if cost < least:
                     least, chosen = cost, place
             settled[row, col] = chosen
