@@ -287,7 +287,7 @@ def main() -> int:
     parser.add_argument("--good", type=int, default=250, help="good tiles of each stone")
     parser.add_argument("--each", type=int, default=80, help="marked tiles of each stone")
     parser.add_argument("--prints", type=int, default=8, help="tiles of each stone wrong all over, of each kind")
-    parser.add_argument("--size", type=float, default=80.0, help="side of a tile, mm")
+    parser.add_argument("--size", type=float, default=60.0, help="side of a tile, mm")
     parser.add_argument("--px-per-mm", type=float, default=10.0, help="resolution of print and camera")
     parser.add_argument("--stones", nargs="*", default=stones(), help="only these")
     parser.add_argument("--first", type=int, default=0, help="number of the first face")

@@ -14,7 +14,7 @@ from tilefab.types import FloatImage, Mask
 
 Float64Array = NDArray[np.float64]
 
-_PEAK = 0.97
+_PEAK_SHARE, _PEAK_PX = 0.03, 4
 
 
 @dataclass(frozen=True)
@@ -34,11 +34,11 @@ class ShapeLimits:
         Least mean CIEDE2000, area and mean width of a patch at the face's edge that is a chip.
     """
 
-    spot_delta_e: float = 2.0
+    spot_delta_e: float = 2.2
     line_delta_e: float = 1.8
     line_length_mm: float = 2.0
     line_slimness: float = 4.0
-    pinhole_mm: float = 0.53
+    pinhole_mm: float = 0.46
     chip_delta_e: float = 4.0
     chip_mm2: float = 0.6
     chip_width_mm: float = 0.6
@@ -107,7 +107,10 @@ def core_of(patch: Mask, rest: FloatImage, strength: FloatImage) -> tuple[Mask, 
     """
     mean = np.average(rest[patch].astype(np.float64), axis=0, weights=strength[patch])
     along = np.where(patch, rest.astype(np.float64) @ mean, 0.0)
-    high = float(np.quantile(along[patch], _PEAK))
+    values = along[patch]
+    # Nearly its peak: not of a few pixels only, so that noise doesn't say how high it is.
+    most = min(max(round(_PEAK_SHARE * len(values)), _PEAK_PX), len(values))
+    high = float(np.partition(values, -most)[-most])
     core = patch & (along > 0.5 * high) & (along > 0.0)
     return core, rest[core].mean(axis=0, dtype=np.float64) if core.any() else np.zeros(3)
 

@@ -72,10 +72,10 @@ class DefectSettings:
     """
 
     margin_mm: float = 0.5
-    least_contrast: float = 2.2
+    least_contrast: float = 2.0
     rare_colours: float = 2.0
     most_witnessed: float = 0.2
-    blob_sigmas: float = 8.0
+    blob_sigmas: float = 6.0
     line_sigmas: float = 9.0
     largest_px_mm: float = 1.6
     profiles: ProfileSettings = field(default_factory=ProfileSettings)

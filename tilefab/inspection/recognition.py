@@ -36,7 +36,7 @@ _TRIED_SCALES = (1.0, 0.987, 1.013)
 _DISPLACED_CELLS, _DISPLACED_SCALES = 0.45, (1.0, 1.015)
 _UNIT = SizePx(1, 1)
 _SURELY_ALIKE = 0.1
-_FAR_SHARE = 0.1
+_FAR_SHARE, _LIKELY_SHARE = 0.1, 0.3
 _ALWAYS_BORNE = 0.02
 # A face turned clockwise once more lies with its (x, y) where (1 - y, x) of the face lay.
 _TURN = np.array([[0.0, -1.0, 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -137,7 +137,10 @@ def recognise(
     # What is seldom so is tried only if a tile isn't recognised at once.
     for poses, cover in ((_poses(tile), False), (_poses(tile) + _displaced(tile, index.grid), True)):
         candidates = _candidates(light, tile, poses, index, _turns(tile, size_mm), settings.candidates, cover=cover)
-        said = _judged(tile, _compared(light, tile, candidates, view), settings, len(index))
+        if cover:
+            candidates = [candidate for candidate in candidates if candidate.share < _LIKELY_SHARE]
+        if candidates or not cover:
+            said = _judged(tile, _compared(light, tile, candidates, view), settings, len(index))
         if said.face is not None or len(index) == 0:
             break
     return said
@@ -190,10 +193,13 @@ def _candidates(
         counts = known.sum(axis=(1, 2))
         if counts.min() == 0:
             continue
-        shares = index.differing(bits, known) / counts[:, np.newaxis]
-        for turned, row in zip(turns, shares, strict=True):
+        for turned, row, most in zip(turns, index.differing(bits, known), counts.tolist(), strict=True):
+            # Most ways to lay the tile are wrong, and nothing comes near in them.
+            nearest = min((candidate.share for candidate in best.values()), default=1.0)
+            if int(row.min()) / most > nearest + _FAR_SHARE:
+                continue
             for place in np.argpartition(row, min(count, len(row)) - 1)[:count]:
-                face, share = int(index.faces[place]), float(row[place])
+                face, share = int(index.faces[place]), int(row[place]) / most
                 if face not in best or share < best[face].share:
                     best[face] = _Candidate(share, face, turned, face_corners(pose, turned))
     return sorted(best.values(), key=lambda candidate: (candidate.share, candidate.face))[:count]
@@ -246,9 +252,11 @@ def _judged(tile: FoundTile, matches: list[_Match], settings: RecognitionSetting
     runner_up = second.found.likeness if second is not None else 0.0
     most = settings.most_differing
     if second is not None:
-        turns = (second.candidate.quarter_turns - best.candidate.quarter_turns) % 4
-        apart = difference_of_faces(best.view, second.view, turns, best.found.compared)
-        most = min(most, max(_ALWAYS_BORNE, settings.of_apartness * min(apart, second.found.differs)))
+        most = min(most, max(_ALWAYS_BORNE, settings.of_apartness * second.found.differs))
+        if _ALWAYS_BORNE < best.found.differs <= most:
+            turns = (second.candidate.quarter_turns - best.candidate.quarter_turns) % 4
+            apart = difference_of_faces(best.view, second.view, turns, best.found.compared)
+            most = min(most, max(_ALWAYS_BORNE, settings.of_apartness * apart))
     likeness = best.found.likeness
     doubt = _doubt(best.found, second.found if second is not None else None, most, settings)
     if doubt is not None:

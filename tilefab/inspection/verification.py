@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from tilefab.inspection.views import Cells, Plane, blurred, cells_of_image, cells_of_view, detail
+from tilefab.inspection.views import Cells, Plane, Window, cells_of_image, cells_of_view, detail
 from tilefab.types import Mask, SizePx
 
 Float64Array = NDArray[np.float64]
@@ -26,6 +26,8 @@ _AROUND = 3.0
 _MOST_MOVED = 0.04
 _HOPELESS = 0.2
 _WINDOW_CELLS = 3.5
+_CLOSE_CELLS = 1.2
+_SELDOM = 0.01
 _SMOOTHED_CELLS = (2.0, 1.0)
 _KEPT_ENERGY = 0.5
 _DETAIL_CELLS = 6.0
@@ -187,9 +189,10 @@ def _compared(image: Cells, face: Cells, matrix: Float64Array) -> Comparison:
     weights = seen.astype(np.float32)
     shown, wanted = detail(image, _DETAIL_CELLS), detail(Cells(face.lightness, seen), _DETAIL_CELLS)
     shown, wanted = _without_noise(shown, wanted, weights)
-    both = blurred(shown * wanted, weights, _WINDOW_CELLS)
-    of_shown = blurred(shown * shown, weights, _WINDOW_CELLS)
-    of_wanted = blurred(wanted * wanted, weights, _WINDOW_CELLS)
+    around, close_by = Window(weights, _WINDOW_CELLS), Window(weights, _CLOSE_CELLS)
+    both = around.mean(shown * wanted)
+    of_shown = around.mean(shown * shown)
+    of_wanted = around.mean(wanted * wanted)
     # What noise leaves of a correlation of 1.
     attainable = np.sqrt(of_wanted / (of_wanted + np.float32(_NOISE_L**2)))
     alike = both > np.float32(_ALIKE) * attainable * np.sqrt(of_shown * of_wanted)
@@ -197,11 +200,17 @@ def _compared(image: Cells, face: Cells, matrix: Float64Array) -> Comparison:
     good = alike & busy
     gain = float(np.median(of_shown[good] / of_wanted[good])) if good.any() else 1.0
     flat = busy & (of_shown < np.float32(_FLAT * gain) * of_wanted)
+    # Something narrow is flat only close around each cell. So is a smooth stone here and there.
+    close = _roughness(face.lightness, close_by)
+    rough = around.mean(close)
+    fine = busy & (rough > np.float32(_LEAST_CONTRAST_L**2))
+    if float((close[fine] < np.float32(_FLAT) * rough[fine]).sum()) < _SELDOM * max(1, int(fine.sum())):
+        flat |= fine & (_roughness(image.lightness, close_by) < np.float32(_FLAT * gain) * rough)
     # Of means over a window a face has less of a range than of cells.
-    level = blurred(image.lightness - face.lightness, weights, _WINDOW_CELLS)
+    level = around.mean(image.lightness - face.lightness)
     offset = float(np.median(level[good])) if good.any() else 0.0
-    smooth = blurred(face.lightness, np.ones_like(weights), _WINDOW_CELLS)
-    own = blurred(image.lightness, weights, _WINDOW_CELLS) - offset
+    smooth = Window(np.ones_like(weights), _WINDOW_CELLS).mean(face.lightness)
+    own = around.mean(image.lightness) - offset
     beyond = (own < smooth.min() - _BEYOND_MEAN_L) | (own > smooth.max() + _BEYOND_MEAN_L)
     covered = seen & ~alike & (flat | beyond)
     if covered.mean() > _LEAST_COVER:
@@ -211,6 +220,13 @@ def _compared(image: Cells, face: Cells, matrix: Float64Array) -> Comparison:
     norm = float(np.sqrt((shown * shown * keep).sum() * (wanted * wanted * keep).sum()))
     likeness = float((shown * wanted * keep).sum()) / norm if norm > 0.0 else 0.0
     return Comparison(matrix, alike, compared, float((seen & ~covered).mean()), likeness)
+
+
+def _roughness(lightness: Plane, close_by: Window) -> Plane:
+    """Variance of the lightness close around each cell."""
+    level = lightness - np.float32(lightness.mean())
+    mean = close_by.mean(level)
+    return np.asarray(close_by.mean(level * level) - mean * mean, dtype=np.float32)
 
 
 def without_cover(image: Cells, face: Cells | None = None) -> Cells:
@@ -256,7 +272,8 @@ def _without_noise(shown: Plane, wanted: Plane, weights: Plane) -> tuple[Plane, 
     """Both smoothed as far as the face keeps most of its contrast: what is finer is the camera's noise."""
     energy = float((wanted * wanted).sum())
     for sigma in _SMOOTHED_CELLS:
-        smooth = blurred(wanted, weights, sigma) * weights
+        around = Window(weights, sigma)
+        smooth = around.mean(wanted) * weights
         if float((smooth * smooth).sum()) >= _KEPT_ENERGY * energy:
-            return np.asarray(blurred(shown, weights, sigma) * weights, dtype=np.float32), smooth
+            return np.asarray(around.mean(shown) * weights, dtype=np.float32), smooth
     return shown, wanted

@@ -98,14 +98,32 @@ def lightness(light: Plane) -> Plane:
     return np.asarray(np.float32(116.0) * cube - np.float32(16.0), dtype=np.float32)
 
 
-def blurred(values: Plane, weights: Plane, sigma: float) -> Plane:
-    """Weighted means around each cell, over what is seen only."""
-    total = ndimage.gaussian_filter(values * weights, sigma, mode="constant", truncate=3.0)
-    weight = ndimage.gaussian_filter(weights, sigma, mode="constant", truncate=3.0)
-    return np.asarray(total / np.maximum(weight, np.float32(_LEAST_AROUND)), dtype=np.float32)
+class Window:
+    """Weighted means around each cell, over what is seen only.
+
+    Parameters
+    ----------
+    weights
+        float32 (rows, cols): 1 where seen, else 0.
+    sigma
+        Standard deviation of what is around, cells.
+    """
+
+    def __init__(self, weights: Plane, sigma: float) -> None:
+        self.weights = weights
+        self._sigma = sigma
+        self._total = np.maximum(self._gathered(weights), np.float32(_LEAST_AROUND))
+
+    def mean(self, values: Plane) -> Plane:
+        """Means (rows, cols) of values around each cell."""
+        return np.asarray(self._gathered(values * self.weights) / self._total, dtype=np.float32)
+
+    def _gathered(self, values: Plane) -> Plane:
+        out = ndimage.gaussian_filter(values, self._sigma, mode="constant", truncate=3.0)
+        return np.asarray(out, dtype=np.float32)
 
 
 def detail(cells: Cells, sigma: float) -> Plane:
     """Lightness less its mean around each cell, so that light that falls off slowly has no part in it; 0 if unseen."""
     weights = cells.seen.astype(np.float32)
-    return np.asarray((cells.lightness - blurred(cells.lightness, weights, sigma)) * weights, dtype=np.float32)
+    return np.asarray((cells.lightness - Window(weights, sigma).mean(cells.lightness)) * weights, dtype=np.float32)

@@ -13,7 +13,7 @@ from tilefab.colour import lab_from_xyz
 from tilefab.inspection.fingerprint_kernels import gather_cells
 from tilefab.inspection.views import (
     Cells,
-    blurred,
+    Window,
     cells_of_image,
     cells_of_view,
     detail,
@@ -101,4 +101,4 @@ def test_detail_knows_nothing_of_slow_light() -> None:
     assert np.abs(plain - sloped)[:, 4:16].max() < 0.15
     assert (plain[:, 20:] == 0.0).all()
     weights = seen.astype(np.float32)
-    np.testing.assert_allclose(blurred(np.full((32, 32), 7.0, np.float32), weights, 3.0)[:, :20], 7.0, rtol=1e-5)
+    np.testing.assert_allclose(Window(weights, 3.0).mean(np.full((32, 32), 7.0, np.float32))[:, :20], 7.0, rtol=1e-5)
