@@ -44,7 +44,7 @@ def synth(
         Path | None, typer.Option(metavar="FILE", help="Image of its size: the brighter, the less may be cut there.")
     ] = None,
     feature_px: Annotated[
-        int | None, typer.Option(min=1, help="Size of the largest thing to keep whole. [default: the method chooses]")
+        int | None, typer.Option(min=1, help="Size of the largest thing to keep whole; without it the method chooses.")
     ] = None,
     fast: Annotated[bool, typer.Option("--fast", help="Less time for a little less quality.")] = False,
     map_file: Annotated[
@@ -117,7 +117,7 @@ def _layer_files(text: str) -> tuple[Path, Path]:
 
 
 def _show(report: GrowReport) -> None:
-    table = Table(title=report.output, show_header=False, title_justify="left")
+    table = Table(title=Text(report.output), show_header=False, title_justify="left")
     repeats = ", repeats seamlessly" if report.toroidal else ""
     table.add_row("texture", f"{report.cols} x {report.rows} pixels{repeats}")
     table.add_row("method", f"{report.method}, seed {report.seed}, {report.seconds:.1f} s")

@@ -35,7 +35,9 @@ def score(
     exemplar: Annotated[Path, typer.Argument(metavar="EXEMPLAR", help="Image that it was grown from.")],
     map_file: Annotated[
         Path | None,
-        typer.Option("--map", metavar="FILE.npz", help="Map of places that was kept. [default: found by looking]"),
+        typer.Option(
+            "--map", metavar="FILE.npz", help="Map of places that was kept; without it one is found by looking."
+        ),
     ] = None,
     strict: Annotated[bool, typer.Option("--strict", help=f"End with {FAILED} if a gate isn't passed.")] = False,
     threads: ThreadsOption = None,
@@ -54,7 +56,7 @@ def score(
 
 def _show(scored: Score) -> None:
     console = Console()
-    measures = Table(title=f"{scored.texture} against {scored.exemplar}", show_header=False, title_justify="left")
+    measures = Table(title=Text(f"{scored.texture} against {scored.exemplar}"), show_header=False, title_justify="left")
     for label, name, meaning in _MEASURES:
         measures.add_row(label, f"{getattr(scored, name):.3f}", f"{meaning}; 0 is the same")
     found = ", by a map found by looking" if scored.map_estimated else ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tilefab.errors import ImageError, OutputError, SynthesisError
-from tilefab.io.atomic import refuse_overwriting, remove_leftovers
+from tilefab.io.atomic import atomic_path, refuse_overwriting, remove_leftovers
 from tilefab.io.faces import check_preview_path, write_preview
 from tilefab.io.layers import Layer, check_layer_path, read_layer, write_layer
 from tilefab.io.scans import read_mask, read_weights
@@ -157,8 +158,10 @@ def grow_texture(
         check_layer_path(target, layer)
     compared = _compared(exemplar, _masked(exemplar, valid, files), settings.threads)
     weights = None if files.weights is None else read_weights(files.weights, valid.shape)
+    for target in files.targets:
+        _try_to_write(target)
     progress.stage(STAGES[0], 1.0)
-    notes = [*whole.notes, *compared.notes]
+    notes = [*whole.notes, *(note for layer, _ in layers for note in layer.notes), *compared.notes]
     if whole.alpha is not None:
         notes.append(f"{files.exemplar.name}: {100 * float((~valid).mean()):.1f} % is transparent and not used")
     begin = time.monotonic()
@@ -170,15 +173,16 @@ def grow_texture(
     if not grown.complete:
         notes.append("Stopped before it was finished: what is written is as far as it had come")
     progress.stage(STAGES[2], 0.0)
+    # The map first: should the disk be full then, all else can be made from it.
+    if files.map is not None:
+        facts = (settings.method, settings.seed, settings.toroidal, grown.complete, grown.notes)
+        save_source_map(files.map, SourceMap(grown.source, exemplar.size, *facts))
     targets = [(exemplar, files.output), *layers]
     for number, (layer, target) in enumerate(targets):
         notes += write_layer(target, render(layer.pixels, grown.source), layer)
         progress.stage(STAGES[2], (number + 1) / (len(targets) + 1))
-    if files.map is not None:
-        facts = (settings.method, settings.seed, settings.toroidal, grown.complete, grown.notes)
-        save_source_map(files.map, SourceMap(grown.source, exemplar.size, *facts))
     if preview is not None:
-        preview.write(grown.source)
+        notes += preview.finish(grown.source)
     progress.stage(STAGES[2], 1.0)
     seams = seam_cost(grown.source, compared.image, toroidal=settings.toroidal)
     shown = np.zeros(compared.valid.size, dtype=bool)
@@ -257,27 +261,40 @@ def apply_map(map_path: Path, layer_path: Path, output: Path) -> AppliedMap:
 
 
 class _Preview:
-    """Writes what a texture looks like so far, seldom enough that growing it takes hardly longer."""
+    """Writes what a texture looks like so far, seldom enough that growing it takes hardly longer.
+
+    One that can't be written is no reason to lose the texture.
+    """
 
     def __init__(self, path: Path, compared: Comparison, dpi: float | None) -> None:
         self._path, self._dpi = path, dpi or _UNKNOWN_DPI
         self._exemplar = preview_of(compared)
         self._next = 0.0
+        self._failure: str | None = None
 
     def offer(self, step: Step) -> None:
         """Write the draft of a step if the last one is old enough."""
         begin = time.monotonic()
-        if step.draft is None or begin < self._next:
+        if step.draft is None or begin < self._next or self._failure is not None:
             return
-        self.write(step.draft())
+        self._write(step.draft())
         end = time.monotonic()
         self._next = end + max(_PREVIEW_EVERY_S, (end - begin) / _PREVIEW_SHARE)
 
-    def write(self, source: NDArray[np.int32]) -> None:
+    def finish(self, source: NDArray[np.int32]) -> tuple[str, ...]:
+        """Write the whole texture's picture, and tell if it or an earlier one could not be written."""
+        self._write(source)
+        return () if self._failure is None else (f"The preview is not up to date: {self._failure}",)
+
+    def _write(self, source: NDArray[np.int32]) -> None:
         """Write a map's picture, reduced by a whole number if it is large."""
         factor = -(-max(source.shape) // _PREVIEW_SIDE_PX)
         picture = render(self._exemplar, source[::factor, ::factor])
-        write_preview(self._path, picture, self._dpi / factor)
+        try:
+            write_preview(self._path, picture, self._dpi / factor)
+            self._failure = None
+        except OutputError as error:
+            self._failure = error.message
 
 
 @dataclass(frozen=True)
@@ -317,14 +334,14 @@ def _grow(
         return METHODS[settings.method](request, watcher)
     except ValueError as error:
         raise SynthesisError(
-            f"{files.exemplar}: no texture can be grown from it by {settings.method}: {error}; give a larger exemplar, "
-            "or mask less of it",
+            f"{files.exemplar}: no texture can be grown from it by {settings.method}: {error}; choose another size or "
+            "method, give a larger exemplar, or mask less of it",
             path=str(files.exemplar),
         ) from error
 
 
 def _check_files(files: GrowFiles) -> None:
-    """Find out what can't be written, before anything is read."""
+    """Find out which names can't be written to, before anything is read."""
     if files.map is not None:
         check_source_map_path(files.map)
     if files.preview is not None:
@@ -333,6 +350,16 @@ def _check_files(files: GrowFiles) -> None:
     for target in files.targets:
         refuse_overwriting(target, read)
     _refuse_doubles(files.targets)
+
+
+class _TriedError(Exception):
+    """A file could be begun."""
+
+
+def _try_to_write(target: Path) -> None:
+    """Find out whether a file can be written, before the work of making it; what stands there stays as it is."""
+    with suppress(_TriedError), atomic_path(target):
+        raise _TriedError
 
 
 def _refuse_doubles(targets: Iterable[Path]) -> None:

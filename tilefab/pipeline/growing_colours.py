@@ -36,15 +36,21 @@ class Comparison:
         Whether it is CIELAB.
     notes
         What the user should know, a sentence each.
+    white
+        Luminance that is compared as white's.
+    ranges
+        Least and greatest value of each channel that is compared by its range; none of colours and lightness.
     """
 
     image: FloatImage
     valid: Mask
     is_lab: bool
     notes: tuple[str, ...]
+    white: float = 1.0
+    ranges: tuple[tuple[float, float], ...] = ()
 
 
-def comparison_of(layer: Layer, valid: Mask, threads: int = 1) -> Comparison:
+def comparison_of(layer: Layer, valid: Mask, threads: int = 1, like: Comparison | None = None) -> Comparison:
     """Bring a layer without alpha to what is compared.
 
     Parameters
@@ -56,11 +62,13 @@ def comparison_of(layer: Layer, valid: Mask, threads: int = 1) -> Comparison:
         (rows, cols), True where the layer may be used.
     threads
         Changes nothing else.
+    like
+        What it is to be compared with: its white and its ranges count, not the layer's own.
 
     Raises
     ------
     ImageError
-        If no usable pixel is a number.
+        If no usable pixel is a number, or it isn't of the kind that it is to be compared with.
     ProfileError
         If the embedded profile can't be used.
     """
@@ -75,10 +83,18 @@ def comparison_of(layer: Layer, valid: Mask, threads: int = 1) -> Comparison:
         if count:
             notes.append(f"{name}: {count} pixels are NaN or infinite: they are treated as holes")
         pixels = np.where(finite[..., None], pixels, pixels.dtype.type(0))
-    if not _is_light(layer, pixels, valid):
-        if layer.channels in (_RGB, ("Y",)):
+    by_range = not _is_light(layer, pixels, valid) if like is None else bool(like.ranges)
+    if like is not None and not _is_of_kind(layer, like):
+        raise ImageError(
+            f"{layer.path}: its {pixels.shape[2]} channel{'s' if pixels.shape[2] > 1 else ''} of {pixels.dtype} aren't "
+            "of the kind that it is compared with; give both alike",
+            path=layer.path,
+        )
+    if by_range:
+        ranges = _ranges(pixels, valid) if like is None else like.ranges
+        if like is None and layer.channels in (_RGB, ("Y",)):
             notes.append(f"{name}: its {pixels.dtype} aren't colours: they are compared by their range")
-        return Comparison(_scaled(pixels, valid), valid, is_lab=False, notes=tuple(notes))
+        return Comparison(_scaled(pixels, ranges), valid, is_lab=False, notes=tuple(notes), ranges=ranges)
     if pixels.dtype.kind == "f":
         pixels = np.maximum(pixels.astype(np.float32), 0)
     try:
@@ -87,16 +103,17 @@ def comparison_of(layer: Layer, valid: Mask, threads: int = 1) -> Comparison:
     except ProfileError as error:
         path = layer.path
         raise ProfileError(error.message if path in error.message else f"{path}: {error.message}", path=path) from error
-    light = xyz[..., 1]
-    if np.count_nonzero((light > _BRIGHT) & valid) > _BRIGHT_SHARE * np.count_nonzero(valid):
+    light, white = xyz[..., 1], 1.0 if like is None else like.white
+    if like is None and np.count_nonzero((light > _BRIGHT) & valid) > _BRIGHT_SHARE * np.count_nonzero(valid):
         white = float(np.percentile(light[valid], _WHITE_PERCENTILE))
         notes.append(f"{name}: much of it is brighter than white: it is compared as if {white:.3g} were white")
+    if white != 1:
         xyz /= np.float32(white)
     lab_in_place(xyz, threads)
     # The numbers that texture maps store: a last bit that differs between machines is gone from them.
     lab = decode_lab16(encode_lab16(xyz))
     is_lab = layer.pixels.shape[2] > 1
-    return Comparison(lab if is_lab else np.ascontiguousarray(lab[..., :1]), valid, is_lab, tuple(notes))
+    return Comparison(lab if is_lab else np.ascontiguousarray(lab[..., :1]), valid, is_lab, tuple(notes), white)
 
 
 def preview_of(comparison: Comparison) -> NDArray[np.uint8]:
@@ -123,11 +140,25 @@ def _is_light(layer: Layer, pixels: Array, valid: Mask) -> bool:
     return kind in (np.uint8, np.uint16)
 
 
-def _scaled(pixels: Array, valid: Mask) -> FloatImage:
+def _is_of_kind(layer: Layer, like: Comparison) -> bool:
+    """Whether a layer's numbers mean what those of something compared mean."""
+    channels, kind = layer.pixels.shape[2], layer.pixels.dtype
+    if like.ranges:
+        return channels == len(like.ranges)
+    if like.is_lab:
+        return layer.channels == _RGB or (layer.channels == _CMYK and layer.icc_profile is not None)
+    return channels == 1 and (kind in (np.uint8, np.uint16) or kind.kind == "f")
+
+
+def _ranges(pixels: Array, valid: Mask) -> tuple[tuple[float, float], ...]:
+    seen = pixels[valid].astype(np.float64)
+    return tuple((float(low), float(high)) for low, high in zip(seen.min(axis=0), seen.max(axis=0), strict=True))
+
+
+def _scaled(pixels: Array, ranges: tuple[tuple[float, float], ...]) -> FloatImage:
     image = np.zeros(pixels.shape, dtype=np.float32)
-    for channel in range(pixels.shape[2]):
-        values = pixels[..., channel].astype(np.float64)
-        low, high = float(values[valid].min()), float(values[valid].max())
+    for channel, (low, high) in enumerate(ranges):
         if high > low:
+            values = pixels[..., channel].astype(np.float64)
             image[..., channel] = np.clip((values - low) / (high - low), 0, 1) * 100
     return image

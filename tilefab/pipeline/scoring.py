@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tilefab.errors import ImageError
 from tilefab.io.layers import read_layer
 from tilefab.io.source_map_file import load_source_map
-from tilefab.pipeline.growing_colours import comparison_of
+from tilefab.pipeline.growing_colours import Comparison, comparison_of
 from tilefab.pipeline.progress import Progress
 from tilefab.texture.copies import MAX_COPIES_OVER_RATIO, large_copies
 from tilefab.texture.coverage import estimate_source
@@ -129,16 +129,14 @@ def score_texture(
     """
     progress.stage(STAGE, 0.0)
     notes: list[str] = []
-    exemplar, valid = _colours(exemplar_path, threads, notes)
-    texture, opaque = _colours(texture_path, threads, notes)
-    if not opaque.all():
+    judged = _colours(exemplar_path, threads)
+    given = _colours(texture_path, threads, judged)
+    exemplar, valid, texture = judged.image, judged.valid, given.image
+    notes += judged.notes
+    if not given.valid.all():
+        share = 100 * float((~given.valid).mean())
         raise ImageError(
-            f"{texture_path}: {100 * float((~opaque).mean()):.1f} % of it is transparent; cut out a part that isn't",
-            path=str(texture_path),
-        )
-    if (exemplar.shape[2] == 1) != (texture.shape[2] == 1):
-        raise ImageError(
-            f"{texture_path}: one of texture and exemplar is gray, the other in colour; give both alike",
+            f"{texture_path}: {share:.2g} % of it is transparent or no number; cut out a part that isn't",
             path=str(texture_path),
         )
     _check_size(texture_path, SizePx(*texture.shape[:2]))
@@ -196,7 +194,9 @@ def _gates(panel: Panel, compared: _Compared) -> tuple[Gate, ...]:
             f"at most {MAX_COPIES_OVER_RATIO:g}",
             not copies.too_many,
             f"one place of the exemplar, row {copies.place[0]}, column {copies.place[1]}, comes back {copies.most} "
-            "times in pieces larger than a sixteenth of the exemplar",
+            "times in pieces larger than a sixteenth of the exemplar"
+            if copies.most > 1
+            else "one place of the exemplar comes back in pieces larger than a sixteenth of it",
         ),
         Gate(
             "blur",
@@ -224,22 +224,26 @@ def _gates(panel: Panel, compared: _Compared) -> tuple[Gate, ...]:
             hard.share,
             f"at most {MAX_HARD_SHARE:g}",
             hard.share <= MAX_HARD_SHARE,
-            f"{hard.count} joins between pieces can be seen as lines, up to {hard.longest_px:.0f} pixels long",
+            f"{hard.count} join{'' if hard.count == 1 else 's'} between pieces can be seen as lines, up to "
+            f"{hard.longest_px:.0f} pixels long",
         ),
     )
 
 
-def _colours(path: Path, threads: int, notes: list[str]) -> tuple[FloatImage, Mask]:
+def _colours(path: Path, threads: int, like: Comparison | None = None) -> Comparison:
     layer, valid = read_layer(path).opaque()
-    compared = comparison_of(layer, valid, threads)
-    channels = compared.image.shape[2]
+    channels = layer.pixels.shape[2]
+    if like is not None and (like.image.shape[2] == 1) != (channels == 1):
+        raise ImageError(
+            f"{path}: one of texture and exemplar is gray, the other in colour; give both alike", path=str(path)
+        )
+    compared = comparison_of(layer, valid, threads, like)
     if channels > 1 and not compared.is_lab:
         raise ImageError(
             f"{path}: its {channels} channels aren't colours that a score could compare; give the layer of colours",
             path=str(path),
         )
-    notes += compared.notes
-    return compared.image, compared.valid
+    return compared
 
 
 def _check_size(path: Path, size: SizePx) -> None:

@@ -193,7 +193,7 @@ class _LatticeLayout:
         self.colours = np.rint(filled * _STEPS_PER_UNIT).astype(np.int64)
         self.valid, self.random = valid, random
         self.matrix = lattice.matrix
-        target = _closing(self.matrix, size) if toroidal else self.matrix
+        target = closing_lattice(self.matrix, size) if toroidal else self.matrix
         self.to_exemplar = self.matrix @ np.linalg.inv(target)
         self.source = np.full((size.rows, size.cols), _UNSET, dtype=np.int32)
         self.usage = np.zeros(valid.shape, dtype=np.int64)
@@ -301,7 +301,7 @@ class _LatticeLayout:
         return total / count if count else 0.0
 
 
-def _closing(matrix: NDArray[np.float64], size: SizePx) -> NDArray[np.float64]:
+def closing_lattice(matrix: NDArray[np.float64], size: SizePx) -> NDArray[np.float64]:
     """The lattice most like this one of which the result's sides are whole vectors; itself if there is none near."""
     sides = np.diag([float(size.rows), float(size.cols)])
     near = np.floor(np.linalg.solve(matrix, sides)).astype(np.int64)

@@ -21,7 +21,7 @@ CHANNELS = 4
 """Three of colour and the guidance channel."""
 _ROW_VALUES = PATCH_PX * CHANNELS
 _FAR = 1 << 60
-_MOST_COPIES = 32
+_MOST_COPIES = 8
 """Of a place shown more often only so many copies are looked at, evenly spread."""
 
 

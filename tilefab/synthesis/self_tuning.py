@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from tilefab import rng
 from tilefab.synthesis.edges import fill_holes
 from tilefab.synthesis.guidance import guidance_channel
-from tilefab.synthesis.lattice import find_lattice
+from tilefab.synthesis.lattice import Lattice, find_lattice
+from tilefab.synthesis.lattice_phase import in_step
 from tilefab.synthesis.layout import fit_note, initial_field
 from tilefab.synthesis.patch_field import WEIGHT_UNIT, PatchField, Workers
 from tilefab.synthesis.patch_kernels import CHANNELS, PATCH_PX
@@ -36,6 +37,7 @@ _HISTOGRAM_BINS = 32
 _LEAST_SHARE = 0.001
 _MOST_PASSES = 4
 _MOST_ITERATIONS = 64
+_BEGUN_EXEMPLARS = 24
 
 
 @dataclass(frozen=True)
@@ -65,8 +67,8 @@ class SelfTuningOptions:
     smart_start
         Whether a lattice is looked for (3.3).
     starts, start_scales
-        How often to begin anew, and after how many of the coarsest scales the beginning whose spectrum is nearest the
-        exemplar's goes on. Where a lattice is found, there is one beginning.
+        How often to begin anew at most (less often for results of many exemplars), and after how many of the
+        coarsest scales the beginning whose spectrum is nearest the exemplar's goes on. With a lattice: once.
     settling
         How often each pixel may join a neighbour's piece in the end.
     seam_weight
@@ -75,7 +77,7 @@ class SelfTuningOptions:
 
     usage: UsageOptions = field(default_factory=UsageOptions)
     guidance_weight: float | None = 1.0
-    iterations: tuple[int, int] = (4, 16)
+    iterations: tuple[int, int] = (4, 10)
     more: float = 1.6
     passes: tuple[int, int] = (2, 1)
     tries: tuple[int, int] = (16, 8)
@@ -83,7 +85,7 @@ class SelfTuningOptions:
     stride_scales: int = 3
     histograms: bool = True
     smart_start: bool = True
-    starts: int = 3
+    starts: int = 4
     start_scales: int = 2
     settling: int = 6
     seam_weight: int = 8
@@ -159,7 +161,7 @@ class _Synthesis:
         self._scales = scales(features(filled, channel, weight), request.valid, request.weights, request.feature_px)
         self._rounds = [self._iterations(index) for index in range(len(self._scales))]
         self._start_scales = min(options.start_scales, len(self._scales) - 1)
-        self._starts = options.starts if self._lattice is None and self._start_scales > 0 else 1
+        self._starts = self._beginnings() if self._lattice is None and self._start_scales > 0 else 1
         self._works = [
             rounds * self._passes(index) * (4 + options.tries[0 if self._is_coarse(index) else 1])
             * (scale.factor / self._stride_px(index)) ** 2
@@ -183,6 +185,12 @@ class _Synthesis:
         except _StoppedError:
             return SynthesisResult(self._finished, complete=False, notes=self._notes())
 
+    def _beginnings(self) -> int:
+        # The larger the result, the less one beginning differs from another.
+        size = self._request.size
+        exemplars = size.rows * size.cols / int(np.count_nonzero(self._request.valid))
+        return max(1, min(self._options.starts, round(_BEGUN_EXEMPLARS / max(exemplars, 1.0))))
+
     def _begin(self, start: int) -> _State:
         """The coarsest scales, from a beginning of their own."""
         seed = int(rng.stream_key(self._request.seed, f"beginning {start}")) >> 1
@@ -204,7 +212,7 @@ class _Synthesis:
         patches.start_from(state.source)
         if self._finished.size == 0:
             # For whoever stops before the first scale is done.
-            self._finished = self._cropped(patches.shown_at(self._scales[0], self._size(0)))
+            self._finished = self._cropped(self._laid_out(patches, 0))
         usage = Usage(scale.allowed, options.usage, state.usage)
         target = self._optimise(patches, index, state.key, usage)
         distance = 0.0
@@ -214,8 +222,8 @@ class _Synthesis:
             self._finished = self._cropped(patches.chosen(target, options.settling, options.seam_weight))
             source, self._done = self._finished, self._all_work
         else:
-            source = patches.shown_at(self._scales[index - 1], self._size(index - 1))
-            self._finished = self._cropped(patches.shown_at(self._scales[0], self._size(0)))
+            source = self._laid_out(patches, index - 1)
+            self._finished = self._cropped(self._laid_out(patches, 0))
         self._tell(self._finished)
         return _State(source, state.key, index, distance, usage)
 
@@ -250,13 +258,23 @@ class _Synthesis:
 
     def _first(self, seed: int) -> NDArray[np.int32]:
         scale, size = self._scales[-1], self._size(len(self._scales) - 1)
-        lattice = self._lattice
-        if lattice is not None:
-            sides = zip(scale.valid.shape, self._request.valid.shape, strict=True)
-            down, across = (coarse / fine for coarse, fine in sides)
-            lattice = lattice.scaled((down, across))
+        lattice = None if self._lattice is None else self._lattice_at(scale)
         colours = (scale.image / np.float32(STEPS_PER_UNIT)).astype(np.float32)
         return initial_field(colours, scale.valid, lattice, size, self._request.toroidal, seed)
+
+    def _laid_out(self, patches: PatchField, index: int) -> NDArray[np.int32]:
+        """What the patches show at a finer scale; with a lattice, in step with it again, which a coarse pixel isn't."""
+        scale, size = self._scales[index], self._size(index)
+        source = patches.shown_at(scale, size)
+        if self._lattice is None:
+            return source
+        return in_step(source, scale.valid, self._lattice_at(scale), size, toroidal=self._request.toroidal)
+
+    def _lattice_at(self, scale: Scale) -> Lattice:
+        assert self._lattice is not None
+        sides = zip(scale.valid.shape, self._request.valid.shape, strict=True)
+        down, across = (coarse / fine for coarse, fine in sides)
+        return self._lattice.scaled((down, across))
 
     def _notes(self) -> tuple[str, ...]:
         note = fit_note(self._lattice, self._request.size) if self._lattice and self._request.toroidal else None

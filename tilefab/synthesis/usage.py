@@ -44,8 +44,8 @@ class UsageOptions:
     """
 
     price: float = 30.0
-    gain: float = 4.0
-    again: float = 400.0
+    gain: float = 1.0
+    again: float = 500.0
     chance: float = 0.02
 
 
