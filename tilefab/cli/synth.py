@@ -13,7 +13,7 @@ from rich.text import Text
 
 from tilefab.cli.common import FileOption, JsonOption, ThreadsOption, print_json
 from tilefab.cli.progress import NOTE_STYLE, Bars
-from tilefab.cli.synth_stop import Stop, StoppedEarly, run_stoppable
+from tilefab.cli.synth_stop import Stop, StoppedEarly, leave_at_once, run_stoppable
 from tilefab.pipeline.growing import GrowFiles, GrowReport, GrowSettings, apply_map, grow_texture, remove_unfinished
 from tilefab.rng import SEED_LIMIT
 from tilefab.synthesis import DEFAULT_METHOD, LARGEST_SIDE_PX, METHODS
@@ -77,10 +77,10 @@ def synth(
         with Bars() as bars:
             stop = Stop(lambda: bars.note(STOPPING))
             report = run_stoppable(lambda: grow_texture(files, settings, bars, stop), stop)
-    except KeyboardInterrupt as error:
+    except KeyboardInterrupt:
         remove_unfinished(files)
         typer.echo("interrupted: not everything was written", err=True)
-        raise StoppedEarly(INTERRUPTED) from error
+        leave_at_once(INTERRUPTED)
     if as_json:
         print_json(dataclasses.asdict(report))
     else:

@@ -104,6 +104,10 @@ def load_source_map(path: Path) -> SourceMap:
         If the file is missing, is no such map, is damaged, or comes from a later version.
     """
     try:
+        with path.open("rb") as raw:
+            # NumPy's own words for such a file advise to load it unsafely.
+            if not zipfile.is_zipfile(raw):
+                raise ValueError("it is no NumPy archive")
         with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
             facts = json.loads(file["facts"].tobytes())
             if facts["kind"] != _KIND:

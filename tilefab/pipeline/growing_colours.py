@@ -81,7 +81,7 @@ def comparison_of(layer: Layer, valid: Mask, threads: int = 1, like: Comparison 
         if not valid.any():
             raise ImageError(f"{layer.path}: no usable pixel is a number; export it again", path=layer.path)
         if count:
-            notes.append(f"{name}: {count} pixels are NaN or infinite: they are treated as holes")
+            notes.append(f"{name}: what is NaN or infinite, {count} of its pixels, is treated as a hole")
         pixels = np.where(finite[..., None], pixels, pixels.dtype.type(0))
     by_range = not _is_light(layer, pixels, valid) if like is None else bool(like.ranges)
     if like is not None and not _is_of_kind(layer, like):
@@ -144,10 +144,12 @@ def _is_of_kind(layer: Layer, like: Comparison) -> bool:
     """Whether a layer's numbers mean what those of something compared mean."""
     channels, kind = layer.pixels.shape[2], layer.pixels.dtype
     if like.ranges:
-        return channels == len(like.ranges)
+        return bool(channels == len(like.ranges))
+    if kind.name not in ("uint8", "uint16") and kind.kind != "f":
+        return False
     if like.is_lab:
         return layer.channels == _RGB or (layer.channels == _CMYK and layer.icc_profile is not None)
-    return channels == 1 and (kind in (np.uint8, np.uint16) or kind.kind == "f")
+    return bool(channels == 1)
 
 
 def _ranges(pixels: Array, valid: Mask) -> tuple[tuple[float, float], ...]:

@@ -67,13 +67,17 @@ def grow_slab(
     share = 100 * np.count_nonzero(shown) / np.count_nonzero(slab.valid)
     rows, cols = slab.valid.shape
     summary = f"from {cols} x {rows} to {size.cols} x {size.rows} pixels by {name}; {share:.1f} % of the slab is shown"
+    smaller = size.rows * size.cols < slab.valid.size
+    warning = (
+        f"The grown slab is smaller than the slab itself ({summary}): make grown_size_mm larger, or leave grow out"
+    )
     return replace(
         slab,
         lab16=render(slab.lab16, grown.source),
         valid=np.ones((size.rows, size.cols), dtype=bool),
         slabs=(SlabArea(f"{' + '.join(area.name for area in slab.slabs)}, grown", 0, 0, size.rows, size.cols),),
         log=(*slab.log, ("Growing", summary)),
-        warnings=(*slab.warnings, *grown.notes),
+        warnings=(*slab.warnings, *grown.notes, *((warning,) if smaller else ())),
         weights=None if slab.weights is None else render(slab.weights, grown.source),
         grown_from=slab.slabs,
     )

@@ -91,7 +91,7 @@ class _Grower:
         wanted = request.feature_px or min(_MAX_PATCH_PX, max(_MIN_PATCH_PX, min(request.valid.shape) // _PATCH_SHARE))
         side = min(wanted, largest_square(request.valid), *limits)
         self.notes = (
-            (f"Patches have {side} pixels a side, not {wanted}: the mask leaves no larger square.",)
+            (f"Patches have {side} pixels a side, not {wanted}: the mask leaves no larger square",)
             if side < min(wanted, *limits)
             else ()
         )

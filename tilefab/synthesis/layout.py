@@ -83,8 +83,8 @@ def fit_note(lattice: Lattice, size: SizePx) -> str | None:
         return None
     rows, cols = (_nearest_fits(lattice.matrix, length, axis) for axis, length in enumerate((size.rows, size.cols)))
     return (
-        f"a result of {size.rows} x {size.cols} px misses the exemplar's pattern by {misfit:.0f} px where it repeats: "
-        f"rows of {_either(rows)} and columns of {_either(cols)} fit it best"
+        f"a result of {size.cols} x {size.rows} pixels misses the exemplar's pattern by {misfit:.0f} px where "
+        f"it repeats: {_either(cols)} columns and {_either(rows)} rows fit it best"
     )
 
 

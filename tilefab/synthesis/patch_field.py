@@ -274,12 +274,6 @@ def nearest_allowed(allowed: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDAr
     return rows.astype(np.int64), cols.astype(np.int64)
 
 
-def unpriced(scale: Scale) -> Prices:
-    """No place costs anything."""
-    nothing = np.zeros(scale.valid.size, dtype=np.int64)
-    return Prices(nothing, nothing, 0)
-
-
 def _grid(length: int, toroidal: bool, stride_px: int) -> tuple[NDArray[np.int64], int]:
     """Where patches begin along an axis, and how many pixels they cover."""
     last = length if toroidal else length - PATCH_PX + stride_px

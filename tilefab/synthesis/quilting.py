@@ -12,7 +12,7 @@ are laid, more blocks are laid over the worst seams (Kwatra et al. 2003, "Graphc
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ from tilefab.texture.matching import (
     window_sums,
 )
 from tilefab.texture.seams import FREE, KEEP, TAKE, UNKNOWN_COST, cut
-from tilefab.types import Mask
+from tilefab.types import Mask, SizePx
 
 MIN_EXEMPLAR_PX = 24
 _LARGEST_BLOCK_PX = 512
@@ -82,8 +82,14 @@ def quilt(request: SynthesisRequest, watch: Watch | None = None) -> SynthesisRes
     Raises
     ------
     ValueError
-        If no whole block of valid exemplar exists, or the exemplar or the result is smaller than 8 pixels.
+        If no whole block of valid exemplar exists, or the exemplar or a repeating result is smaller than 8 pixels.
     """
+    size = request.size
+    if min(size.rows, size.cols) < _SMALLEST_BLOCK_PX and not request.toroidal:
+        # A block is the least that can be laid: what is wanted is cut out of it.
+        larger = SizePx(max(_SMALLEST_BLOCK_PX, size.rows), max(_SMALLEST_BLOCK_PX, size.cols))
+        grown = quilt(replace(request, size=larger), watch)
+        return replace(grown, source=np.ascontiguousarray(grown.source[: size.rows, : size.cols]))
     quilted = lay_quilt(request, watch)
     notes: tuple[str, ...] = ()
     if quilted.laid < 1.0:
@@ -98,9 +104,12 @@ def lay_quilt(request: SynthesisRequest, watch: Watch | None = None) -> Quilt:
     valid, size = request.valid, request.size
     smaller_px = min(*valid.shape, size.rows, size.cols)
     block = request.feature_px or max(MIN_EXEMPLAR_PX, min(_LARGEST_BLOCK_PX, smaller_px // 4))
-    block = min(block, smaller_px)
+    block = min(max(block, _SMALLEST_BLOCK_PX), smaller_px)
     if block < _SMALLEST_BLOCK_PX:
-        raise ValueError(f"exemplar {valid.shape} or tile {size} is too small to quilt: blocks need 8 pixels")
+        raise ValueError(
+            f"quilting needs {_SMALLEST_BLOCK_PX} pixels a side: the exemplar has {valid.shape[1]} x {valid.shape[0]}, "
+            f"the result {size.cols} x {size.rows}"
+        )
     allowed = window_is_valid(valid, block, block)
     while not allowed.any() and block > _SMALLEST_BLOCK_PX:
         block = max(_SMALLEST_BLOCK_PX, block * 3 // 4)

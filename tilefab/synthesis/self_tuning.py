@@ -13,7 +13,7 @@ map of places.
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -169,6 +169,8 @@ class _Synthesis:
         ]  # fmt: skip
         again = self._works[len(self._scales) - self._start_scales :]
         self._all_work = sum(self._works) + (self._starts - 1) * sum(again)
+        # An exemplar of a few patches can't be used evenly: its middle is in most of them.
+        self._prices = replace(options.usage, barrier=0.0) if len(self._scales) == 1 else options.usage
         self._done = 0.0
         self._finished = np.zeros((0, 0), dtype=np.int32)
 
@@ -213,7 +215,7 @@ class _Synthesis:
         if self._finished.size == 0:
             # For whoever stops before the first scale is done.
             self._finished = self._cropped(self._laid_out(patches, 0))
-        usage = Usage(scale.allowed, options.usage, state.usage)
+        usage = Usage(scale.allowed, self._prices, state.usage)
         target = self._optimise(patches, index, state.key, usage)
         distance = 0.0
         if self._starts > 1 and len(self._scales) - index == self._start_scales:
@@ -338,10 +340,10 @@ class _Histograms:
 
 
 def _ordinary_weights(scale: Scale) -> NDArray[np.int64] | None:
-    """Votes of what must stay whole count up to nine times."""
+    """Votes of what must stay whole count up to 17 times."""
     if scale.weights is None:
         return None
-    return np.asarray(WEIGHT_UNIT + 8 * WEIGHT_UNIT * scale.weights.astype(np.int64) // 255)
+    return np.asarray(WEIGHT_UNIT + 16 * WEIGHT_UNIT * scale.weights.astype(np.int64) // 255)
 
 
 def _spectral_distance(scale: Scale, target: NDArray[np.int16]) -> float:

@@ -35,6 +35,8 @@ class UsageOptions:
     ----------
     price
         Of a place shown as often as its share: lambda of Eq. 5.
+    barrier, barrier_share
+        What it costs beside to show a place more often than this many times its share, for each further time.
     gain
         By how much the price rises with each iteration for a place shown twice as often as its share.
     again
@@ -44,6 +46,8 @@ class UsageOptions:
     """
 
     price: float = 30.0
+    barrier: float = 200.0
+    barrier_share: float = 1.2
     gain: float = 1.0
     again: float = 500.0
     chance: float = 0.02
@@ -109,7 +113,7 @@ class Usage:
         share = crowd / (fair * PATCH_PX * PATCH_PX)
         if raise_prices and options.gain > 0:
             self._added = np.clip(self._added + options.gain * (share - 1.0), _LEAST_PRICE, _GREATEST_PRICE)
-        price = options.price * share + self._added
+        price = options.price * share + options.barrier * np.maximum(share - options.barrier_share, 0.0) + self._added
         price -= price[self._allowed].min()
         return Prices(
             np.rint(price * PATCH_UNIT).astype(np.int64).ravel(),

@@ -55,6 +55,12 @@ def test_it_grows_and_tells(folder: Path) -> None:
     assert "Growing the texture: done" in result.stderr
 
 
+def test_brackets_in_names_are_shown(folder: Path) -> None:
+    result = call("in.png", "-o", "[red]out.png", *SIZE, "--method", "quilting")
+    assert result.exit_code == 0, result.output
+    assert "[red]out.png" in result.stdout
+
+
 def test_it_tells_programs(folder: Path) -> None:
     options = ["--layer", "height.png=a=b.png", "--map", "m.npz", "--preview", "p.jpg", "--toroidal", "--fast"]
     result = call("in.png", "-o", "out.tif", *SIZE, *options, "--threads", "1", "--json", "--method", "quilting")
@@ -161,6 +167,23 @@ def test_interrupted_it_writes_what_there_is_and_says_so(folder: Path, monkeypat
     source = load_source_map(Path("m.npz")).source
     assert_array_equal(read_layer(Path("out.png")).pixels, read_layer(Path("in.png")).pixels.reshape(-1, 3)[source])
     assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_interrupted_twice_the_process_ends_there_and_then(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ended: list[int] = []
+
+    def left(work: Any, stop: Any) -> Any:
+        raise KeyboardInterrupt
+
+    def end(code: int) -> None:
+        ended.append(code)
+        raise StoppedEarly(code)
+
+    monkeypatch.setattr(synth, "run_stoppable", left)
+    monkeypatch.setattr(os, "_exit", end)
+    result = call("in.png", "-o", "out.png", *SIZE, "--method", "quilting")
+    assert ended == [130]
+    assert "not everything was written" in result.stderr
 
 
 def test_the_entry_point_adds_nothing_to_that(

@@ -58,6 +58,14 @@ def test_what_is_no_map_is_refused(tmp_path: Path) -> None:
         load_source_map(path)
 
 
+def test_no_map_is_advised_to_be_loaded_unsafely(tmp_path: Path) -> None:
+    (tmp_path / "picture.npz").write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(40))
+    np.save(tmp_path / "array.npy", np.zeros(3))
+    for name in ("picture.npz", "array.npy"):
+        with pytest.raises(TextureMapError, match=r"\(it is no NumPy archive\)"):
+            load_source_map(tmp_path / name)
+
+
 def test_no_flipped_byte_goes_unnoticed(tmp_path: Path) -> None:
     path = tmp_path / "a.npz"
     save_source_map(path, some_map())

@@ -131,7 +131,7 @@ def test_what_is_no_number_is_a_hole() -> None:
     compared = comparison_of(layer_of(pixels), everything(pixels))
     assert np.argwhere(~compared.valid).tolist() == [[4, 5], [9, 9]]
     assert np.isfinite(compared.image).all()
-    assert compared.notes == ("made.tif: 2 pixels are NaN or infinite: they are treated as holes",)
+    assert compared.notes == ("made.tif: what is NaN or infinite, 2 of its pixels, is treated as a hole",)
     pixels[:] = np.nan
     with pytest.raises(ImageError, match="no usable pixel is a number"):
         comparison_of(layer_of(pixels), everything(pixels))
@@ -143,6 +143,24 @@ def test_light_far_above_white_keeps_its_contrast() -> None:
     assert "brighter than white" in compared.notes[0]
     assert (compared.image[..., 0] > 99.9).mean() < 0.05
     assert np.ptp(compared.image[..., 0]) > 30
+
+
+def test_one_layer_is_compared_like_another() -> None:
+    heights = pebbles(1, "float32") * 40 - 10
+    whole = comparison_of(layer_of(heights), everything(heights))
+    part = np.clip(heights, 0.2, 0.9)
+    alone = comparison_of(layer_of(part), everything(part))
+    alike = comparison_of(layer_of(part), everything(part), like=whole)
+    assert not np.allclose(alone.image, alike.image, atol=1)
+    (low, high) = whole.ranges[0]
+    assert_allclose(alike.image, (part - low) / (high - low) * 100, atol=1e-4)
+    light = pebbles(3, "float32") * 8
+    whole = comparison_of(layer_of(light), everything(light))
+    assert whole.white > 1
+    assert_array_equal(comparison_of(layer_of(light[:9]), everything(light[:9]), like=whole).image, whole.image[:9])
+    for other, against in ((light, alone), (heights, whole), (pebbles(3, "float32").astype(np.uint32), whole)):
+        with pytest.raises(ImageError, match="aren't of the kind"):
+            comparison_of(layer_of(other), everything(other), like=against)
 
 
 def test_previews_look_like_the_exemplar() -> None:
@@ -314,6 +332,56 @@ def test_nothing_that_is_read_is_written_over(files: GrowFiles, tmp_path: Path) 
             apply_map(tmp_path / "m.npz", files.exemplar, path)
 
 
+def test_what_cannot_be_written_is_told_before_the_work(
+    files: GrowFiles, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "folder.png").mkdir()
+    (tmp_path / "file").write_text("")
+    grown(files)
+    before = files.output.read_bytes()
+
+    def never(*_: Any) -> Any:
+        raise AssertionError("it was grown")
+
+    monkeypatch.setitem(METHODS, "quilting", never)
+    wrong: list[tuple[GrowFiles, str]] = [
+        (replace(files, output=tmp_path / "folder.png"), "not a plain file is in the way"),
+        (replace(files, output=tmp_path / "file" / "out.png"), "a file of this name is in the way"),
+        (replace(files, layers=((files.exemplar, tmp_path / "folder.png"),)), "not a plain file is in the way"),
+        (replace(files, map=tmp_path / "file" / "m.npz"), "a file of this name is in the way"),
+        (replace(files, preview=tmp_path / "folder.png"), "not a plain file is in the way"),
+    ]
+    for wanted, match in wrong:
+        with pytest.raises(OutputError, match=match):
+            grown(wanted)
+    assert files.output.read_bytes() == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder.png", "in.png", "out.png"]
+
+
+def test_a_size_that_a_method_cannot_make_is_explained(files: GrowFiles) -> None:
+    small = replace(SETTINGS, method="uniform", size=SizePx(12, 15), toroidal=True)
+    with pytest.raises(SynthesisError, match="needs 20 pixels a side, not 15 x 12; choose another size or method"):
+        grown(files, small)
+
+
+def test_layers_tell_what_was_unusual(files: GrowFiles, tmp_path: Path) -> None:
+    Image.fromarray(pebbles(1, "uint8")[::-1, ::-1, 0]).save(tmp_path / "turned.tif", tiffinfo={274: 3})
+    report = grown(replace(files, layers=((tmp_path / "turned.tif", tmp_path / "l.tif"),)))
+    assert any("turned.tif was turned upright" in note for note in report.notes)
+
+
+def test_the_map_outlives_a_texture_that_could_not_be_written(
+    files: GrowFiles, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, *_: Any) -> Any:
+        raise OutputError(f"{path}: the disk is full", path=str(path))
+
+    monkeypatch.setattr(growing, "write_layer", full)
+    with pytest.raises(OutputError, match="disk is full"):
+        grown(replace(files, map=tmp_path / "m.npz"))
+    assert load_source_map(tmp_path / "m.npz").complete
+
+
 def test_results_may_be_written_anew(files: GrowFiles) -> None:
     grown(files)
     first = files.output.read_bytes()
@@ -404,3 +472,21 @@ def test_previews_are_written_while_it_works(files: GrowFiles, monkeypatch: pyte
     monkeypatch.setattr(growing, "_PREVIEW_EVERY_S", 1e9)
     grown(replace(files, preview=tmp_path / "p.png"))
     assert len(written) == 2
+
+
+def test_a_preview_that_cannot_be_written_costs_no_texture(
+    files: GrowFiles, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    tried: list[Path] = []
+
+    def full(path: Path, *_: Any) -> None:
+        tried.append(path)
+        raise OutputError(f"{path}: the disk is full", path=str(path))
+
+    monkeypatch.setattr(growing, "write_preview", full)
+    monkeypatch.setattr(growing, "_PREVIEW_EVERY_S", 0.0)
+    report = grown(replace(files, preview=tmp_path / "p.png"))
+    assert report.complete
+    assert files.output.exists()
+    assert len(tried) == 2
+    assert any("preview is not up to date" in note and "disk is full" in note for note in report.notes)

@@ -130,6 +130,16 @@ def test_without_a_size_it_is_twice_the_slab(planned: Callable[..., Plan], monke
     assert grow_slab(job, slab, Silent(), 1).valid.shape == (80, 90)
 
 
+def test_a_slab_that_shrinks_is_warned_of(planned: Callable[..., Plan]) -> None:
+    for size, warned in (("[20, 18]", True), ("[60, 50]", False)):
+        job = planned(GROWN, ("[60, 50]", size))
+        warnings = grow_slab(job, prepare_slab(job, Silent()), Silent(), 1).warnings
+        assert (
+            any("smaller than the slab itself (from 90 x 72 to 47 x 43 pixels" in text for text in warnings) == warned
+        )
+        assert any("smaller than the slab itself" in text for text in warnings) == warned
+
+
 @pytest.mark.parametrize("size", ["[6, 50]", "[50, 6]", "[50, 20000]"])
 def test_a_size_that_cannot_be_had_is_refused(planned: Callable[..., Plan], size: str) -> None:
     job = planned(GROWN, ("[60, 50]", size))

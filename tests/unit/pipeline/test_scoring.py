@@ -11,6 +11,7 @@ from PIL import Image
 from scipy import ndimage
 
 from tilefab.errors import ImageError
+from tilefab.io.layers import Layer, write_layer
 from tilefab.io.source_map_file import SourceMap, save_source_map
 from tilefab.pipeline.scoring import Score, score_texture
 from tilefab.types import SizePx
@@ -124,6 +125,18 @@ def test_holes_are_left_out(tmp_path: Path) -> None:
     assert score.coverage == 1.0
     assert any("76 pixels on a side" in note for note in score.notes)
     assert score.portilla_simoncelli < 0.15
+
+
+def test_heights_are_scored_by_the_exemplars_range(tmp_path: Path) -> None:
+    heights = stone(1)[:, :, :1].astype(np.float32) / 20 - 4
+    heights[0, :2, 0] = -400, 400
+    for name, pixels in (("exemplar.tif", heights), ("out.tif", heights[1:])):
+        like = Layer(name, pixels, ("Y",))
+        write_layer(tmp_path / name, pixels, like)
+    score = score_texture(tmp_path / "out.tif", tmp_path / "exemplar.tif", Quiet())
+    assert score.known_share == 1.0
+    assert score.bidirectional_de76 < 0.1
+    assert len(score.notes) == len(set(score.notes)) == 1
 
 
 def test_gray_is_scored_as_gray(tmp_path: Path) -> None:

@@ -145,7 +145,7 @@ def test_patches_shrink_to_fit_the_mask(stone: Stone) -> None:
     lab[~valid] = (100, 100, -100)
     result = graphcut(request_of(lab, SizePx(40, 44), valid=valid))
     assert valid.ravel()[result.source].all()
-    assert result.notes == ("Patches have 13 pixels a side, not 22: the mask leaves no larger square.",)
+    assert result.notes == ("Patches have 13 pixels a side, not 22: the mask leaves no larger square",)
     assert graphcut(request_of(lab, SizePx(40, 44))).notes == ()
 
 

@@ -31,7 +31,7 @@ def whole_cells(lattice: Lattice, seed: int, phase: tuple[int, int]) -> NDArray[
     for i, j in np.ndindex(10, 12):
         while True:
             exact = lattice.matrix @ random.integers(-8, 9, 2) + phase
-            at = exact + [8 * i, 8 * j]
+            at = exact + np.array([8 * i, 8 * j])
             if (at >= 4).all() and (at <= np.array(SHAPE) - 13).all():
                 found[i, j] = exact
                 break
@@ -50,12 +50,10 @@ def test_small_errors_are_taken_back(lattice: Lattice, phase: tuple[int, int]) -
     mended = in_step(pieces(wrong), ALL, lattice, SIZE, toroidal=False)
     assert mended.dtype == np.int32
     off = np.abs(np.stack(np.divmod(mended, SHAPE[1])) - np.stack(np.divmod(right, SHAPE[1])))
-    # The phase is a mean: where a fraction lies at a half, it may round the other way.
+    # The phase is a mean: where a fraction lies near a half, it may be rounded the other way.
     assert off.max() <= (0 if lattice is SQUARE else 1)
-    assert np.mean(mended == right) > 0.75
-    assert_array_equal(in_step(right, ALL, SQUARE, SIZE, toroidal=False) == right, lattice is SQUARE or True) if (
-        lattice is SQUARE
-    ) else None
+    assert np.mean(mended == right) > 0.6
+    assert_array_equal(in_step(mended, ALL, lattice, SIZE, toroidal=False), mended)
 
 
 def test_what_is_far_off_is_meant() -> None:
@@ -73,7 +71,7 @@ def test_a_hole_and_the_edge_are_kept_clear_of() -> None:
     for toroidal in (True, False):
         found = in_step(source, valid, LEANING, SIZE, toroidal=toroidal)
         assert valid.reshape(-1)[found].all()
-        assert 0.05 < np.mean(found != source) < 0.9
+        assert 0.01 < np.mean(found != source) < 0.5
 
 
 def test_a_torus_closes_on_a_stretched_lattice() -> None:

@@ -138,8 +138,8 @@ def test_the_note_names_them() -> None:
     assert fit_note(SQUARE, SizePx(201, 249)) is None
     note = fit_note(BOARD, SizePx(256, 170))
     assert note is not None
-    assert "columns of 128 or 192" in note
-    assert "rows of 256" in note
+    assert "128 or 192 columns" in note
+    assert "256 rows" in note
 
 
 @pytest.mark.parametrize(

@@ -166,7 +166,7 @@ def test_searching_brings_patches_nearer(found: list[Scale]) -> None:
     scale, size = found[0], SizePx(60, 60)
     field = PatchField(scale, size, True, 1, ALONE)
     field.start_from(random_map(scale, size, 8))
-    usage = Usage(scale.allowed, UsageOptions(price=0.0, gain=0.0))
+    usage = Usage(scale.allowed, UsageOptions(price=0.0, barrier=0.0, gain=0.0))
     target, totals = field.vote(), []
     for number in range(4):
         for colour in (0, 1):

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tilefab.jit import SQUARED_LANES
 from tilefab.synthesis.patch_kernels import (
+    _MOST_COPIES,
     CHANNELS,
     PATCH_PX,
     again_price,
@@ -23,7 +24,6 @@ from tilefab.synthesis.patch_kernels import (
 from tilefab.synthesis.usage import NO_SHIFTS, Shifts
 
 FAR = 1 << 60
-MOST_COPIES = 32
 
 
 def smooth(rows: int, cols: int, seed: int) -> NDArray[np.int16]:
@@ -167,15 +167,23 @@ def test_a_good_place_spreads_round_a_torus(stride: int) -> None:
     field[0, 0] = size * exemplar.shape[1] + size
     # Tries: none. In one pass over one colour the two neighbours across the edge learn it, at once.
     found, cost = hunt.step(field, 1, 1, 0, [0, len(at)])
-    for i, j in ((len(at) - 1, 0), (0, len(at) - 1), (1, 0), (0, 1)):
+    for i, j in ((-1, 0), (0, -1), (1, 0), (0, 1)):
         assert cost[i, j] == 0
-        down, right = (at[k] - size if k == len(at) - 1 else at[k] for k in (i, j))
+        down, right = (at[k] - size * (k < 0) for k in (i, j))
         assert found[i, j] == (size + down) * exemplar.shape[1] + size + right
     # Without a torus, only those on this side.
     flat = replace(hunt, period=(0, 0)).step(field, 1, 1, 0, [0, len(at)])[0]
     assert flat[0, 1] == found[0, 1]
     assert flat[-1, 0] != found[-1, 0]
     assert flat[0, -1] != found[0, -1]
+    # And from the opposite corner.
+    field[:] = wrong
+    field[-1, -1] = (size + at[-1]) * exemplar.shape[1] + size + at[-1]
+    found, cost = hunt.step(field, 1, 1, 0, [0, len(at)])
+    for i, j in ((0, -1), (-1, 0), (-2, -1), (-1, -2)):
+        assert cost[i, j] == 0
+        down, right = (at[k] + size * (k == 0) for k in (i, j))
+        assert found[i, j] == (size + down) * exemplar.shape[1] + size + right
 
 
 def test_a_crowded_place_is_not_tried_at_random() -> None:
@@ -241,9 +249,8 @@ def showing(field: NDArray[np.int32], places: int) -> tuple[NDArray[np.int64], N
 
 
 def test_shifts_are_counted() -> None:
-    random = np.random.default_rng(2)
-    rows, cols, places = 9, 12, 15
-    field = random.integers(0, places, (rows, cols)).astype(np.int32)
+    rows, cols, places = 9, 12, 18
+    field = np.random.default_rng(2).permutation(np.arange(rows * cols) % places).reshape(rows, cols).astype(np.int32)
     counts = np.zeros((rows, 2 * cols + 1), dtype=np.int64)
     count_shifts(*showing(field, places), cols, counts)
     expected = np.zeros_like(counts)
@@ -252,7 +259,7 @@ def test_shifts_are_counted() -> None:
         for second in range(first + 1, len(flat)):
             if flat[first] == flat[second]:
                 expected[second // cols - first // cols, second % cols - first % cols + cols] += 1
-    assert np.bincount(flat).max() < MOST_COPIES
+    assert np.bincount(flat).max() < _MOST_COPIES
     assert_array_equal(counts, expected)
 
 
@@ -260,7 +267,7 @@ def test_of_many_copies_some_are_counted_for_all() -> None:
     counts = np.zeros((20, 61), dtype=np.int64)
     field = np.zeros((20, 30), dtype=np.int32)
     count_shifts(*showing(field, 1), 30, counts)
-    assert abs(counts.sum() / (600 * 599 / 2) - 1) < 0.1
+    assert abs(counts.sum() / (600 * 599 / 2) - 1) < 0.2
 
 
 @pytest.mark.parametrize("copies", [3, 31, 200])
@@ -272,7 +279,7 @@ def test_showing_again_costs_the_dearest_shift(copies: int) -> None:
     field[shown] = 0
     prices = random.integers(0, 1000, (rows, 2 * cols + 1))
     starts, order = showing(field.reshape(rows, cols), 2)
-    looked_at = shown[:: 1 + copies // MOST_COPIES]
+    looked_at = shown[:: 1 + copies // _MOST_COPIES]
     for me in (0, 100, int(shown[0]), int(shown[-1]), rows * cols - 1):
         row, col = divmod(me, cols)
         expected = 0

@@ -155,17 +155,23 @@ def test_a_tile_smaller_than_the_exemplars_blocks(stone: Stone) -> None:
 @pytest.mark.parametrize(
     ("shape", "size", "block_px", "match"),
     [
-        ((7, 40), SizePx(40, 40), None, "too small"),
-        ((40, 7), SizePx(40, 40), None, "too small"),
-        ((40, 40), SizePx(7, 40), None, "too small"),
-        ((40, 40), SizePx(40, 7), None, "too small"),
-        ((40, 40), SizePx(40, 40), 7, "8 pixels"),
+        ((7, 40), SizePx(40, 40), None, "needs 8 pixels"),
+        ((40, 7), SizePx(40, 40), None, "needs 8 pixels"),
+        ((40, 40), SizePx(7, 40), None, "needs 8 pixels"),
+        ((40, 40), SizePx(40, 7), None, "needs 8 pixels"),
     ],
 )
 def test_too_little_is_refused(shape: tuple[int, int], size: SizePx, block_px: int | None, match: str) -> None:
     lab = np.zeros((*shape, 3), dtype=np.float32)
     with pytest.raises(ValueError, match=match):
         lay_quilt(SynthesisRequest(lab, everything(lab), size, 0, feature_px=block_px))
+
+
+def test_blocks_have_eight_pixels_at_least() -> None:
+    lab = np.zeros((40, 40, 3), dtype=np.float32)
+    assert lay_quilt(SynthesisRequest(lab, everything(lab), SizePx(40, 40), 0, feature_px=1)).block_px == 8
+    thin = quilting.quilt(SynthesisRequest(lab, everything(lab), SizePx(3, 40), 0, toroidal=False))
+    assert thin.source.shape == (3, 40)
 
 
 def test_a_mask_that_leaves_too_little_is_refused() -> None:

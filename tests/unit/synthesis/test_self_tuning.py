@@ -22,7 +22,7 @@ from tilefab.types import SizePx
 Stone = Callable[[int, int, int], NDArray[np.float32]]
 SHAPE = (72, 80)
 SIZE = SizePx(96, 90)
-GOLDEN = ""
+GOLDEN = "8b6931db26177342ef5a34d5c7b42ec8"
 """SHA-256 of the map of `test_the_map_is_pinned`, little-endian int32; its first half."""
 
 
@@ -83,9 +83,9 @@ def test_no_seam_is_worse_where_the_result_repeats(stone: Stone, grown: Synthesi
         for image, closes in ((picture, True), (flat, False)):
             step = np.sqrt(((np.roll(image, -1, axis=axis) - image) ** 2).sum(axis=2)).mean(axis=1 - axis)
             if closes:
-                assert step[-1] <= 1.35 * np.median(step[:-1])
+                assert step[-1] <= 1.1 * step[:-1].max()
             else:
-                assert step[-1] > 1.7 * np.median(step[:-1])
+                assert step[-1] > 1.4 * step[:-1].max()
 
 
 @pytest.mark.parametrize("toroidal", [True, False])
@@ -100,7 +100,7 @@ def test_seams_are_cheaper_than_a_quilts(stone: Stone, toroidal: bool) -> None:
 
 def test_the_exemplar_is_shown_evenly(stone: Stone) -> None:
     lab = stone(*SHAPE, 1)
-    source = self_tuning(request_of(lab, SizePx(144, 160))).source
+    source = self_tuning(request_of(lab, SizePx(120, 128))).source
     shown = np.bincount(source.ravel(), minlength=SHAPE[0] * SHAPE[1])
     assert np.mean(shown > 0) > 0.85
     # Each block of it about as often as any other; the edges, which fewer patches reach, a little less.
@@ -128,13 +128,14 @@ def test_holes_are_never_shown(stone: Stone, toroidal: bool) -> None:
             drafts.append(step.draft())
         return True
 
-    request = request_of(garish, valid=valid, toroidal=toroidal)
+    request = request_of(garish, valid=valid, toroidal=toroidal, fast=not toroidal)
     result = self_tuning(request, watch)
     check(result, request)
     assert drafts
     assert all(valid.reshape(-1)[draft].all() for draft in drafts)
     # What lies in a hole is of no account.
-    assert_array_equal(self_tuning(request_of(lab, valid=valid, toroidal=toroidal)).source, result.source)
+    clean = request_of(lab, valid=valid, toroidal=toroidal, fast=not toroidal)
+    assert_array_equal(self_tuning(clean).source, result.source)
 
 
 def test_fewer_seams_pass_through_what_is_marked(stone: Stone) -> None:
@@ -147,7 +148,9 @@ def test_fewer_seams_pass_through_what_is_marked(stone: Stone) -> None:
         seams = (np.roll(source, -1, axis=1) != source + 1) | (np.roll(source, -1, axis=0) != source + SHAPE[1])
         return float(seams[inside].mean())
 
-    assert seams_in_marked(request_of(lab, weights=weights)) < 0.7 * seams_in_marked(request_of(lab))
+    assert seams_in_marked(request_of(lab, weights=weights, fast=True)) < 0.7 * seams_in_marked(
+        request_of(lab, fast=True)
+    )
 
 
 @pytest.mark.parametrize("channels", [1, 3, 5])
@@ -247,7 +250,8 @@ def test_a_checkerboard_keeps_its_lattice(toroidal: bool) -> None:
     result = self_tuning(request_of(lab, SizePx(192, 224), toroidal=toroidal))
     error = lattice_error(lab[..., 0], lab[..., 0].reshape(-1)[result.source])
     assert error is not None
-    assert error.worst_px <= 1.0
+    assert error.rms_px <= 0.6
+    assert error.p95_px <= 1.0
     if toroidal:
         assert result.notes == ()
         assert self_tuning(request_of(lab, SizePx(200, 224), fast=True)).notes

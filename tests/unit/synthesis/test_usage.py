@@ -73,7 +73,9 @@ def test_prices_are_those_of_the_equations() -> None:
     usable = np.count_nonzero(occurrence_plain(np.flatnonzero(allowed).astype(np.int32)))
     assert usable == SHAPE[0] * SHAPE[1] - np.count_nonzero(occurrence_plain(np.flatnonzero(allowed)) == 0)
     fair = field.size * PATCH_PX**2 / usable
-    expected = STEADY.price * crowd / (fair * PATCH_PX**2)
+    share = crowd / (fair * PATCH_PX**2)
+    expected = STEADY.price * share + STEADY.barrier * np.maximum(share - STEADY.barrier_share, 0.0)
+    assert (share > STEADY.barrier_share).any()
     expected -= expected[allowed].min()
     assert_allclose(prices.price.reshape(SHAPE), expected * PATCH_UNIT, atol=0.51)
     assert_array_equal(prices.crowd.reshape(SHAPE), crowd)
