@@ -57,6 +57,8 @@ bench: install
 	$(BIN)/python benchmarks/run_lengths.py
 	$(BIN)/python benchmarks/drift_control.py
 	$(BIN)/python benchmarks/closed_loop.py
+	$(BIN)/python benchmarks/synthesis_speed.py
+	$(BIN)/python benchmarks/synthesis_panel.py --large
 
 # What the line stands: hours. Each prints a table of what it went through and ends with 1 if anything was wrong.
 soak: install

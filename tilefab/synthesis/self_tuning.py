@@ -38,6 +38,8 @@ _LEAST_SHARE = 0.001
 _MOST_PASSES = 4
 _MOST_ITERATIONS = 64
 _BEGUN_EXEMPLARS = 24
+_SETTLING_OF_MARKS = 16
+_MARKED = 15.0
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class SelfTuningOptions:
     usage
         Prices of uneven use (3.2).
     guidance_weight
-        Of the guidance channel; ``None`` finds it (3.1), 1 or 3; 0 leaves the channel out.
+        Of the guidance channel; ``None`` finds it (3.1), 1 or 3; 0 leaves the channel out. 2 served most textures.
     iterations
         At the finest scale, and at most at the coarsest; in between they grow by ``more`` a scale.
     more
@@ -76,7 +78,7 @@ class SelfTuningOptions:
     """
 
     usage: UsageOptions = field(default_factory=UsageOptions)
-    guidance_weight: float | None = 1.0
+    guidance_weight: float | None = 2.0
     iterations: tuple[int, int] = (4, 10)
     more: float = 1.6
     passes: tuple[int, int] = (2, 1)
@@ -157,6 +159,9 @@ class _Synthesis:
             guidance = guidance_channel(request.exemplar, request.valid)
             channel = guidance.channel
             weight = guidance.weight if options.guidance_weight is None else options.guidance_weight
+        if channel is not None and request.weights is not None:
+            # What is marked is told from the rest, as labels are: so it keeps its outline.
+            channel = channel + request.weights.astype(np.float32) * np.float32(_MARKED / 255)
         self._lattice = find_lattice(request.exemplar, request.valid) if options.smart_start else None
         self._scales = scales(features(filled, channel, weight), request.valid, request.weights, request.feature_px)
         self._rounds = [self._iterations(index) for index in range(len(self._scales))]
@@ -221,7 +226,7 @@ class _Synthesis:
         if self._starts > 1 and len(self._scales) - index == self._start_scales:
             distance = _spectral_distance(scale, target[: size.rows, : size.cols])
         if index == 0:
-            self._finished = self._cropped(patches.chosen(target, options.settling, options.seam_weight))
+            self._finished = self._cropped(patches.chosen(target, self._settling(), options.seam_weight))
             source, self._done = self._finished, self._all_work
         else:
             source = self._laid_out(patches, index - 1)
@@ -301,6 +306,10 @@ class _Synthesis:
 
     def _cropped(self, source: NDArray[np.int32]) -> NDArray[np.int32]:
         return np.ascontiguousarray(source[: self._request.size.rows, : self._request.size.cols])
+
+    def _settling(self) -> int:
+        # Seams that are to go farther, out of what is marked, take longer.
+        return self._options.settling if self._request.weights is None else _SETTLING_OF_MARKS
 
     def _tell(self, draft: NDArray[np.int32] | None) -> None:
         share = min(1.0, self._done / self._all_work)

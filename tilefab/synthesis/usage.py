@@ -47,7 +47,7 @@ class UsageOptions:
 
     price: float = 30.0
     barrier: float = 200.0
-    barrier_share: float = 1.2
+    barrier_share: float = 1.1
     gain: float = 1.0
     again: float = 500.0
     chance: float = 0.02
