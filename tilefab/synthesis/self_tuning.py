@@ -175,7 +175,8 @@ class _Synthesis:
         again = self._works[len(self._scales) - self._start_scales :]
         self._all_work = sum(self._works) + (self._starts - 1) * sum(again)
         # An exemplar of a few patches can't be used evenly: its middle is in most of them.
-        self._prices = replace(options.usage, barrier=0.0) if len(self._scales) == 1 else options.usage
+        prices = options.usage.for_contrast(self._scales[0].image, request.valid)
+        self._prices = replace(prices, barrier=0.0) if len(self._scales) == 1 else prices
         self._done = 0.0
         self._finished = np.zeros((0, 0), dtype=np.int32)
 

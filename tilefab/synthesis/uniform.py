@@ -121,6 +121,8 @@ class _Uniform:
             for k, (turns, scale) in enumerate(zip(self._turns, self._scales, strict=True))
         ]
         self._shares = [work / sum(works) for work in works]
+        self._usage: Usage | None = None
+        self._prices = options.usage.for_contrast(self._scales[0].image, request.valid)
 
     def run(self) -> SynthesisResult:
         """From the coarsest scale to the finest."""
@@ -151,7 +153,7 @@ class _Uniform:
         return SynthesisResult(finished)
 
     def _optimise(self, patches: PatchField, index: int, done: float) -> NDArray[np.int16] | None:
-        usage = Usage(patches.scale.allowed, self._options.usage)
+        usage = self._usage = Usage(patches.scale.allowed, self._prices, self._usage)
         target, turns = patches.vote(), self._turns[index]
         for turn in range(turns):
             counter = (index * _TURNS_APART + turn) * _ROUNDS_APART
@@ -171,7 +173,7 @@ class _Uniform:
         finder = _ReversedSearch(scale, patches, target, self._workers, self._options)
         places = patches.places.copy()
         free = np.ones(places.shape, dtype=bool)
-        rounds = 2 + math.ceil(1.5 * free.size / max(1, int(np.count_nonzero(scale.allowed))))
+        rounds = 4 + math.ceil(4.0 * free.size / max(1, int(np.count_nonzero(scale.allowed))))
         for number in range(rounds):
             if np.count_nonzero(free) <= (1.0 - self._options.filled) * free.size:
                 break

@@ -8,7 +8,8 @@ costs too, or the best arrangement of an exemplar would be to tile it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ CROWDED = 2
 """How many times its share of the result a place may be shown (Kaspar et al. 2015, 3.2)."""
 _LEAST_PRICE, _GREATEST_PRICE = -200.0, 200.0
 _SMALLEST_OVERLAP = 0.3
+_ORDINARY_VARIANCE = 250.0
 _NEAR = 2
 
 
@@ -51,6 +53,27 @@ class UsageOptions:
     gain: float = 1.0
     again: float = 500.0
     chance: float = 0.02
+
+    def for_contrast(self, image: NDArray[np.int16], valid: Mask) -> UsageOptions:
+        """Prices lower in proportion for an exemplar of less contrast than most stones, whose patches differ by less.
+
+        Parameters
+        ----------
+        image
+            (rows, cols, 4) int16, the finest scale; its three colours count.
+        valid
+            (rows, cols), True where it may be used.
+        """
+        variance = float(image[valid][:, :-1].astype(np.float64).var(axis=0).sum()) / STEPS_PER_UNIT**2
+        # In proportion to contrast, not to its square: else faint stones were shown unevenly.
+        share = round(min(1.0, math.sqrt(variance / _ORDINARY_VARIANCE)), 3)
+        return replace(
+            self,
+            price=self.price * share,
+            barrier=self.barrier * share,
+            gain=self.gain * share,
+            again=self.again * share,
+        )
 
 
 @dataclass(frozen=True, eq=False)
