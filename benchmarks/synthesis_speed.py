@@ -80,10 +80,7 @@ def shares(request: SynthesisRequest) -> None:
     begin = time.process_time()
     profile.runcall(METHODS["self-tuning"], replace(request, threads=1))
     total = time.process_time() - begin
-    spent = {
-        f"{Path(path).name}:{name}": facts[3]
-        for (path, _, name), facts in pstats.Stats(profile).stats.items()  # type: ignore[attr-defined]
-    }
+    spent = {f"{Path(path).name}:{name}": facts[3] for (path, _, name), facts in pstats.Stats(profile).stats.items()}
     print(f"\nself-tuning by step, one thread, {total:.1f} CPU s")
     for key, label in STEPS.items():
         print(f"  {label:40}{100 * spent.get(key, 0.0) / total:5.1f} %")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
+from skimage import filters
 
 from tilefab.synthesis.edges import edge_response, fill_holes
 from tilefab.synthesis.guidance import (
@@ -143,7 +144,6 @@ def test_signed_distance_by_brute_force() -> None:
 
 
 def test_otsu_as_others_have_it() -> None:
-    filters = pytest.importorskip("skimage.filters")
     rng = np.random.default_rng(6)
     values = np.concatenate([rng.normal(10, 2, 4000), rng.normal(30, 4, 1500)]).astype(np.float32)
     width = float(values.max() - values.min()) / 256

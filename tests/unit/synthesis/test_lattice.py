@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
+from skimage import data
 
 from tilefab.synthesis.lattice import ACCEPTED, Lattice, autocorrelation, find_lattice, unlikeness
 from tilefab.types import Mask
@@ -108,7 +109,6 @@ def test_grain_has_none(sigma: float) -> None:
 
 @pytest.mark.parametrize("name", ["gravel", "grass"])
 def test_stone_and_grass_have_none(name: str) -> None:
-    data = pytest.importorskip("skimage.data")
     image = (getattr(data, name)() / 2.55).astype(np.float32)[:256, :256, None]
     assert find_lattice(image, everywhere(image)) is None
 
