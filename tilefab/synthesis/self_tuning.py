@@ -12,7 +12,6 @@ map of places.
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,16 +22,15 @@ from tilefab.synthesis.edges import fill_holes
 from tilefab.synthesis.guidance import guidance_channel
 from tilefab.synthesis.lattice import Lattice, find_lattice
 from tilefab.synthesis.lattice_phase import in_step
-from tilefab.synthesis.layout import fit_note, initial_field
-from tilefab.synthesis.patch_field import WEIGHT_UNIT, PatchField, Workers
-from tilefab.synthesis.patch_kernels import CHANNELS, PATCH_PX
-from tilefab.synthesis.protocol import Step, SynthesisRequest, SynthesisResult, Watch
-from tilefab.synthesis.pyramid import STEPS_PER_UNIT, Scale, features, scaled_size, scales
+from tilefab.synthesis.layout import fit_note
+from tilefab.synthesis.levels import Levels
+from tilefab.synthesis.patch_field import WEIGHT_UNIT, PatchField
+from tilefab.synthesis.patch_kernels import CHANNELS
+from tilefab.synthesis.protocol import SynthesisRequest, SynthesisResult, Watch
+from tilefab.synthesis.pyramid import Scale, features, scales
 from tilefab.synthesis.usage import NO_SHIFTS, Usage, UsageOptions
 from tilefab.texture.spectrum import radial_psd_distance
-from tilefab.types import SizePx
 
-_SMALLEST_PX = 2 * PATCH_PX
 _HISTOGRAM_BINS = 32
 _LEAST_SHARE = 0.001
 _MOST_PASSES = 4
@@ -122,19 +120,7 @@ def self_tuning(
         If no whole patch of 10 x 10 valid pixels exists, or a repeating result has less than 20 pixels a side.
     """
     chosen = options or (FAST if request.fast else SelfTuningOptions())
-    if request.toroidal and min(request.size.rows, request.size.cols) < _SMALLEST_PX:
-        raise ValueError(
-            f"a result that repeats needs {_SMALLEST_PX} pixels a side, not {request.size.cols} x {request.size.rows}"
-        )
-    workers = Workers(request.threads or os.cpu_count() or 1)
-    try:
-        return _Synthesis(request, chosen, watch, workers).run()
-    finally:
-        workers.close()
-
-
-class _StoppedError(Exception):
-    """Whoever watches had enough."""
+    return _Synthesis(request, chosen, watch).run()
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,10 +135,8 @@ class _State:
 
 
 class _Synthesis:
-    def __init__(
-        self, request: SynthesisRequest, options: SelfTuningOptions, watch: Watch | None, workers: Workers
-    ) -> None:
-        self._request, self._options, self._watch, self._workers = request, options, watch, workers
+    def __init__(self, request: SynthesisRequest, options: SelfTuningOptions, watch: Watch | None) -> None:
+        self._request, self._options = request, options
         filled = fill_holes(request.exemplar, request.valid).astype(np.float32)
         channel, weight = None, 0.0
         if options.guidance_weight != 0.0:
@@ -164,6 +148,7 @@ class _Synthesis:
             channel = channel + request.weights.astype(np.float32) * np.float32(_MARKED / 255)
         self._lattice = find_lattice(request.exemplar, request.valid) if options.smart_start else None
         self._scales = scales(features(filled, channel, weight), request.valid, request.weights, request.feature_px)
+        self._levels = Levels(request, self._scales, watch)
         self._rounds = [self._iterations(index) for index in range(len(self._scales))]
         self._start_scales = min(options.start_scales, len(self._scales) - 1)
         self._starts = self._beginnings() if self._lattice is None and self._start_scales > 0 else 1
@@ -172,26 +157,24 @@ class _Synthesis:
             * (scale.factor / self._stride_px(index)) ** 2
             for index, (rounds, scale) in enumerate(zip(self._rounds, self._scales, strict=True))
         ]  # fmt: skip
-        again = self._works[len(self._scales) - self._start_scales :]
-        self._all_work = sum(self._works) + (self._starts - 1) * sum(again)
         # An exemplar of a few patches can't be used evenly: its middle is in most of them.
         prices = options.usage.for_contrast(self._scales[0].image, request.valid)
         self._prices = replace(prices, barrier=0.0) if len(self._scales) == 1 else prices
-        self._done = 0.0
-        self._finished = np.zeros((0, 0), dtype=np.int32)
 
     def run(self) -> SynthesisResult:
         """From the coarsest scale to the finest."""
-        begun = None
-        try:
-            for start in range(self._starts):
-                state = self._begin(start)
-                if begun is None or state.distance < begun.distance:
-                    begun = state
-            assert begun is not None
-            return SynthesisResult(self._go_on(begun), notes=self._notes())
-        except _StoppedError:
-            return SynthesisResult(self._finished, complete=False, notes=self._notes())
+        again = self._works[len(self._scales) - self._start_scales :]
+        return self._levels.run(self._grown, sum(self._works) + (self._starts - 1) * sum(again), self._notes())
+
+    def _grown(self) -> NDArray[np.int32]:
+        state = self._begin(0)
+        for start in range(1, self._starts):
+            other = self._begin(start)
+            if other.distance < state.distance:
+                state = other
+        while state.index > 0:
+            state = self._next(state)
+        return state.source
 
     def _beginnings(self) -> int:
         # The larger the result, the less one beginning differs from another.
@@ -202,37 +185,28 @@ class _Synthesis:
     def _begin(self, start: int) -> _State:
         """The coarsest scales, from a beginning of their own."""
         seed = int(rng.stream_key(self._request.seed, f"beginning {start}")) >> 1
-        state = _State(self._first(seed), rng.stream_key(seed, "self-tuning"), len(self._scales), 0.0, None)
+        lattice = None if self._lattice is None else self._lattice_at(self._scales[-1])
+        source = self._levels.beginning(lattice, seed)
+        state = _State(source, rng.stream_key(seed, "self-tuning"), len(self._scales), 0.0, None)
         for _ in range(self._start_scales):
             state = self._next(state)
         return state
 
-    def _go_on(self, state: _State) -> NDArray[np.int32]:
-        while state.index > 0:
-            state = self._next(state)
-        return self._finished
-
     def _next(self, state: _State) -> _State:
         """One scale further: optimised, and laid out for the one after."""
-        index, options = state.index - 1, self._options
-        size, scale = self._size(index), self._scales[index]
-        patches = PatchField(scale, size, self._request.toroidal, self._stride_px(index), self._workers)
-        patches.start_from(state.source)
-        if self._finished.size == 0:
-            # For whoever stops before the first scale is done.
-            self._finished = self._cropped(self._laid_out(patches, 0))
+        index, options, levels = state.index - 1, self._options, self._levels
+        scale, size = self._scales[index], levels.size(index)
+        patches = levels.patches(index, self._stride_px(index), state.source)
         usage = Usage(scale.allowed, self._prices, state.usage)
         target = self._optimise(patches, index, state.key, usage)
         distance = 0.0
         if self._starts > 1 and len(self._scales) - index == self._start_scales:
             distance = _spectral_distance(scale, target[: size.rows, : size.cols])
         if index == 0:
-            self._finished = self._cropped(patches.chosen(target, self._settling(), options.seam_weight))
-            source, self._done = self._finished, self._all_work
+            source = patches.chosen(target, self._settling(), options.seam_weight)
         else:
             source = self._laid_out(patches, index - 1)
-            self._finished = self._cropped(self._laid_out(patches, 0))
-        self._tell(self._finished)
+            levels.show(patches)
         return _State(source, state.key, index, distance, usage)
 
     def _optimise(self, patches: PatchField, index: int, stream: np.uint64, usage: Usage) -> NDArray[np.int16]:
@@ -259,20 +233,12 @@ class _Synthesis:
             if histograms is not None and turn < rounds - 1:
                 weights = histograms.weights(target[: patches.size.rows, : patches.size.cols], ordinary)
             target = patches.vote(weights)
-            self._done += self._works[index] / rounds
-            if turn < rounds - 1:
-                self._tell(None)
+            self._levels.advance(self._works[index] / rounds, tell=turn < rounds - 1)
         return target
-
-    def _first(self, seed: int) -> NDArray[np.int32]:
-        scale, size = self._scales[-1], self._size(len(self._scales) - 1)
-        lattice = None if self._lattice is None else self._lattice_at(scale)
-        colours = (scale.image / np.float32(STEPS_PER_UNIT)).astype(np.float32)
-        return initial_field(colours, scale.valid, lattice, size, self._request.toroidal, seed)
 
     def _laid_out(self, patches: PatchField, index: int) -> NDArray[np.int32]:
         """What the patches show at a finer scale; with a lattice, in step with it again, which a coarse pixel isn't."""
-        scale, size = self._scales[index], self._size(index)
+        scale, size = self._scales[index], self._levels.size(index)
         source = patches.shown_at(scale, size)
         if self._lattice is None:
             return source
@@ -288,9 +254,6 @@ class _Synthesis:
         note = fit_note(self._lattice, self._request.size) if self._lattice and self._request.toroidal else None
         return (note,) if note else ()
 
-    def _size(self, index: int) -> SizePx:
-        return scaled_size(self._request.size, self._scales[index].factor)
-
     def _is_coarse(self, index: int) -> bool:
         return len(self._scales) - 1 - index < self._options.coarsest
 
@@ -305,21 +268,9 @@ class _Synthesis:
         least, most = self._options.iterations
         return min(most, max(least, round(least * self._options.more**index)))
 
-    def _cropped(self, source: NDArray[np.int32]) -> NDArray[np.int32]:
-        return np.ascontiguousarray(source[: self._request.size.rows, : self._request.size.cols])
-
     def _settling(self) -> int:
         # Seams that are to go farther, out of what is marked, take longer.
         return self._options.settling if self._request.weights is None else _SETTLING_OF_MARKS
-
-    def _tell(self, draft: NDArray[np.int32] | None) -> None:
-        share = min(1.0, self._done / self._all_work)
-        if self._watch is None:
-            return
-        goes_on = self._watch(Step(share, None if draft is None else lambda: draft))
-        # Once all is done, there is nothing left to stop.
-        if not goes_on and (draft is None or share < 1.0):
-            raise _StoppedError
 
 
 class _Histograms:

@@ -13,7 +13,6 @@ at a price for uneven use.
 from __future__ import annotations
 
 import math
-import os
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,15 +20,13 @@ from numpy.typing import NDArray
 
 from tilefab import rng
 from tilefab.synthesis.edges import fill_holes
-from tilefab.synthesis.layout import initial_field
+from tilefab.synthesis.levels import Levels
 from tilefab.synthesis.patch_field import PatchField, Workers
 from tilefab.synthesis.patch_kernels import PATCH_PX, search
-from tilefab.synthesis.protocol import Step, SynthesisRequest, SynthesisResult, Watch
-from tilefab.synthesis.pyramid import STEPS_PER_UNIT, Scale, features, scaled_size, scales
+from tilefab.synthesis.protocol import SynthesisRequest, SynthesisResult, Watch
+from tilefab.synthesis.pyramid import Scale, features, scales
 from tilefab.synthesis.usage import NO_SHIFTS, Usage, UsageOptions
-from tilefab.types import SizePx
 
-_SMALLEST_PX = 2 * PATCH_PX
 _TURNS_APART, _ROUNDS_APART = 64, 1 << 16
 
 
@@ -94,65 +91,45 @@ def uniform(
         If no whole patch of 10 x 10 valid pixels exists, or a repeating result has less than 20 pixels a side.
     """
     chosen = options or (FAST if request.fast else UniformOptions())
-    if request.toroidal and min(request.size.rows, request.size.cols) < _SMALLEST_PX:
-        raise ValueError(
-            f"a result that repeats needs {_SMALLEST_PX} pixels a side, not {request.size.cols} x {request.size.rows}"
-        )
-    workers = Workers(request.threads or os.cpu_count() or 1)
-    try:
-        return _Uniform(request, chosen, watch, workers).run()
-    finally:
-        workers.close()
+    return _Uniform(request, chosen, watch).run()
 
 
 class _Uniform:
-    def __init__(
-        self, request: SynthesisRequest, options: UniformOptions, watch: Watch | None, workers: Workers
-    ) -> None:
-        self._request, self._options, self._watch, self._workers = request, options, watch, workers
+    def __init__(self, request: SynthesisRequest, options: UniformOptions, watch: Watch | None) -> None:
+        self._request, self._options = request, options
         filled = fill_holes(request.exemplar, request.valid).astype(np.float32)
         self._scales = scales(features(filled, None, 0.0), request.valid, request.weights, request.feature_px)
+        self._levels = Levels(request, self._scales, watch)
         self._key = rng.stream_key(request.seed, "uniform")
         least, most = options.iterations
         self._turns = [min(most, max(least, round(least * options.more**k))) for k in range(len(self._scales))]
         # A reversed search looks at every patch of the result about three times as often.
-        works = [
+        self._works = [
             turns * scale.factor**2 * (0.5 if self._is_forward(k) else 3.0)
             for k, (turns, scale) in enumerate(zip(self._turns, self._scales, strict=True))
         ]
-        self._shares = [work / sum(works) for work in works]
         self._usage: Usage | None = None
         self._prices = options.usage.for_contrast(self._scales[0].image, request.valid)
 
     def run(self) -> SynthesisResult:
         """From the coarsest scale to the finest."""
-        request, coarsest, done = self._request, len(self._scales) - 1, 0.0
-        scale = self._scales[coarsest]
-        colours = (scale.image / np.float32(STEPS_PER_UNIT)).astype(np.float32)
-        source = initial_field(colours, scale.valid, None, self._size(coarsest), request.toroidal, request.seed)
-        finished: NDArray[np.int32] | None = None
-        for index in range(coarsest, -1, -1):
-            stride_px = 2 if self._is_forward(index) and index < coarsest else 1
-            patches = PatchField(self._scales[index], self._size(index), request.toroidal, stride_px, self._workers)
-            patches.start_from(source)
-            if finished is None:
-                finished = self._cropped(patches.shown_at(self._scales[0], self._size(0)))
-            target = self._optimise(patches, index, done)
-            if target is None:
-                return SynthesisResult(finished, complete=False)
-            done += self._shares[index]
-            if index > 0:
-                source = patches.shown_at(self._scales[index - 1], self._size(index - 1))
-                finished = self._cropped(patches.shown_at(self._scales[0], self._size(0)))
-                if not self._tell(done, finished):
-                    return SynthesisResult(finished, complete=False)
-            else:
-                finished = self._cropped(patches.chosen(target, self._options.settling, self._options.seam_weight))
-        assert finished is not None
-        self._tell(1.0, finished)
-        return SynthesisResult(finished)
+        return self._levels.run(self._grown, sum(self._works))
 
-    def _optimise(self, patches: PatchField, index: int, done: float) -> NDArray[np.int16] | None:
+    def _grown(self) -> NDArray[np.int32]:
+        levels, options = self._levels, self._options
+        source = levels.beginning(None, self._request.seed)
+        for index in range(levels.coarsest, -1, -1):
+            stride_px = 2 if self._is_forward(index) and index < levels.coarsest else 1
+            patches = levels.patches(index, stride_px, source)
+            target = self._optimise(patches, index)
+            if index == 0:
+                source = patches.chosen(target, options.settling, options.seam_weight)
+            else:
+                source = patches.shown_at(self._scales[index - 1], levels.size(index - 1))
+                levels.show(patches)
+        return source
+
+    def _optimise(self, patches: PatchField, index: int) -> NDArray[np.int16]:
         usage = self._usage = Usage(patches.scale.allowed, self._prices, self._usage)
         target, turns = patches.vote(), self._turns[index]
         for turn in range(turns):
@@ -163,14 +140,13 @@ class _Uniform:
             if not self._is_forward(index):
                 patches.places = self._assigned(patches, target, counter + 2)
             target = patches.vote()
-            if turn < turns - 1 and not self._tell(done + self._shares[index] * (turn + 1) / turns, None):
-                return None
+            self._levels.advance(self._works[index] / turns, tell=turn < turns - 1)
         return target
 
     def _assigned(self, patches: PatchField, target: NDArray[np.int16], counter: int) -> NDArray[np.int32]:
         """Places given out by the exemplar's patches, round by round; where none came, those there were."""
         scale = patches.scale
-        finder = _ReversedSearch(scale, patches, target, self._workers, self._options)
+        finder = _ReversedSearch(scale, patches, target, self._levels.workers, self._options)
         places = patches.places.copy()
         free = np.ones(places.shape, dtype=bool)
         rounds = 4 + math.ceil(4.0 * free.size / max(1, int(np.count_nonzero(scale.allowed))))
@@ -190,19 +166,8 @@ class _Uniform:
         word, _ = rng.philox_4x32(self._key, np.uint64(counter), np.uint64(0))
         return np.uint64(word)
 
-    def _size(self, index: int) -> SizePx:
-        return scaled_size(self._request.size, self._scales[index].factor)
-
     def _is_forward(self, index: int) -> bool:
         return index < self._options.forward_scales and index < len(self._scales) - 1
-
-    def _cropped(self, source: NDArray[np.int32]) -> NDArray[np.int32]:
-        return np.ascontiguousarray(source[: self._request.size.rows, : self._request.size.cols])
-
-    def _tell(self, share: float, draft: NDArray[np.int32] | None) -> bool:
-        if self._watch is None:
-            return True
-        return self._watch(Step(min(1.0, share), None if draft is None else lambda: draft))
 
 
 class _ReversedSearch:
